@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AwareDatetime, Field, SecretStr, field_validator
 
-from jointstiff.schemas.fields import Message, Name, Timestamp, either
+from jointstiff.schemas.fields import Message, Name, Timestamp, require_exactly_one
 from jointstiff.schemas.query import PageQuery
 
 Role = Literal["viewer", "operator", "admin"]
@@ -30,11 +30,11 @@ class KeyRequest(Message):
 
     @field_validator("expires_at")
     @classmethod
-    def _in_utc(cls, time: datetime | None) -> datetime | None:
+    def _convert_to_utc(cls, time: datetime | None) -> datetime | None:
         try:
             return None if time is None else time.astimezone(UTC)
         except OverflowError:
-            raise ValueError("must be a time that UTC has, before the year 10000") from None
+            raise ValueError("must be a time before the year 10000 in UTC") from None
 
 
 class Key(Message):
@@ -67,7 +67,7 @@ class SessionRequest(Message):
         default=None, description="Secret of a one-time link."
     )
 
-    _one = either("key", "link")
+    _one = require_exactly_one("key", "link")
 
 
 class Session(Message):

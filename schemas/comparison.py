@@ -72,7 +72,7 @@ class ComparisonRequest(ComparisonOptions):
 
     @field_validator("run_ids", mode="after")
     @classmethod
-    def _each_once(cls, run_ids: list[str]) -> list[str]:
+    def _refuse_repeated_runs(cls, run_ids: list[str]) -> list[str]:
         if len(set(run_ids)) < len(run_ids):
             raise ValueError("must not contain duplicates")
         return run_ids
@@ -103,7 +103,8 @@ class CampaignComparison(ComparisonOptions):
 
     @field_validator("run", mode="after")
     @classmethod
-    def _of_independent_readings(cls, options: RunOptions | None) -> RunOptions | None:
+    def _refuse_options_of_one_set(cls, options: RunOptions | None) -> RunOptions | None:
+        """Refuse options that cannot be the same for both campaigns of a comparison."""
         if options is not None and (options.priors or options.resampling is not None):
             raise ValueError("must have neither `priors` nor `resampling` here")
         if options is not None and options.leave_out:
@@ -112,7 +113,7 @@ class CampaignComparison(ComparisonOptions):
 
     @field_validator("methods", "constraints", mode="after")
     @classmethod
-    def _each_once(cls, items: list[object]) -> list[object]:
+    def _refuse_repeated_items(cls, items: list[object]) -> list[object]:
         if any(item in items[:i] for i, item in enumerate(items)):
             raise ValueError("must not contain duplicates")
         return items
@@ -277,16 +278,21 @@ class ComparisonResult(Result):
 
     @property
     def summary(self) -> ResultSummary:
-        """Excerpt for listings."""
-        by = {side.run_id for side in self.sides}
-        fits = [each for each in self.entries if each.joints and (not self.joints or each.run_id in by)]
+        """Excerpt for listings: of two compared sets the poorer fit, of the methods for one set the best."""
+        runs_of_sides = {side.run_id for side in self.sides}
+        has_two_sides = bool(self.joints)
+        fits = [
+            entry
+            for entry in self.entries
+            if entry.joints and (not has_two_sides or entry.run_id in runs_of_sides)
+        ]
         shares = [fit.compensation for fit in fits if fit.compensation is not None]
         counts = [found_in(fit.joints) for fit in fits]
-        of_all = min if self.joints else max
+        poorer_or_best = min if has_two_sides else max
         return ResultSummary(
             verdict=self.assessment.verdict,
-            compensation=of_all(shares, default=None),
-            joints_identified=of_all(counts, default=0),
+            compensation=poorer_or_best(shares, default=None),
+            joints_identified=poorer_or_best(counts, default=0),
             joint_count=max((len(fit.joints) for fit in fits), default=None),
             warning_count=len(self.warnings),
         )

@@ -30,8 +30,8 @@ class Message(BaseModel):
     )
 
 
-def either(first: str, second: str) -> Any:  # noqa: ANN401 - what pydantic makes of a validator
-    """Return a validator of messages that refuses both of two fields, and neither."""
+def require_exactly_one(first: str, second: str) -> Any:  # noqa: ANN401 - what pydantic makes of a validator
+    """Return a validator that refuses a message with both of two fields, or with neither of them."""
 
     def check(message: Message) -> Message:
         if (getattr(message, first) is None) == (getattr(message, second) is None):
@@ -42,17 +42,17 @@ def either(first: str, second: str) -> Any:  # noqa: ANN401 - what pydantic make
 
 
 def content_key(text: str) -> str:
-    """Return the idempotency key by which a service stores this JSON once, by whatever address it comes."""
+    """Return an idempotency key made of a JSON text's SHA-256: a service stores equal texts only once."""
     return f"content {sha256(text.encode()).hexdigest()}"
 
 
-def _printable(text: str) -> str:
+def _refuse_unprintable(text: str) -> str:
     if not text.isprintable() or text != text.strip():
         raise ValueError("must be printable text without leading or trailing blanks")
     return text
 
 
-Name = Annotated[str, Field(min_length=1, max_length=MAX_NAME_LENGTH), AfterValidator(_printable)]
+Name = Annotated[str, Field(min_length=1, max_length=MAX_NAME_LENGTH), AfterValidator(_refuse_unprintable)]
 """Text that people read: printable, because databases and pages differ on what else they take."""
 
 Identifier = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_-]+$")]
@@ -142,12 +142,12 @@ class Page(Message, Generic[Item]):
 
 
 def validated(kind: type[Item], documents: Sequence[dict[str, Any]]) -> list[Item]:
-    """Return many messages of one class: one call for all is five times faster than one for each."""
-    return _list_of(kind).validate_python(documents, from_attributes=True)
+    """Validate many documents in one call; return the messages. A call for each is five times slower."""
+    return _list_adapter(kind).validate_python(documents, from_attributes=True)
 
 
 @lru_cache(maxsize=64)
-def _list_of(kind: type[Item]) -> TypeAdapter[list[Item]]:
+def _list_adapter(kind: type[Item]) -> TypeAdapter[list[Item]]:
     return TypeAdapter(list[kind])  # type: ignore[valid-type]
 
 
@@ -166,7 +166,7 @@ class Terminal:
 
 
 def prior_of(text: str) -> tuple[str, dict[str, float]]:
-    """Return joint and prior of `JOINT=STIFFNESS:UNCERTAINTY`."""
+    """Parse `JOINT=STIFFNESS:UNCERTAINTY`; return the joint's name and the fields of its prior."""
     name, _, numbers = text.rpartition("=")
     stiffness, _, uncertainty = numbers.partition(":")
     try:
@@ -178,18 +178,18 @@ def prior_of(text: str) -> tuple[str, dict[str, float]]:
 
 
 def cause_of(text: str) -> dict[str, str | None]:
-    """Return the cause of `NAME[:FIRST]`."""
+    """Parse `NAME[:FIRST]`: a cause, and the label of the first observation that the cause concerns."""
     name, _, first = text.partition(":")
     return {"name": name, "first": first or None}
 
 
 def chain_of(text: str) -> list[str]:
-    """Return the names of `JOINT,JOINT,...`."""
+    """Parse `JOINT,JOINT,...`; return the joints' names without blanks."""
     return [name.strip() for name in text.split(",")]
 
 
 def draws_of(text: str) -> dict[str, int]:
-    """Return the draws of `SIZE[:REPETITIONS[:SEED]]`."""
+    """Parse `SIZE[:REPETITIONS[:SEED]]`; return the stated fields of a resampling."""
     parts, names = text.split(":"), ("size", "repetitions", "seed")
     if len(parts) > len(names) or not all(part.isdecimal() for part in parts):
         raise ValueError(f"'{text}' must be whole numbers, such as 10:1000:1")
@@ -197,7 +197,7 @@ def draws_of(text: str) -> dict[str, int]:
 
 
 def planned_load_of(text: str) -> dict[str, Any]:
-    """Return the load of `KIND:NEWTONS` or `dead_weight:150kg`; `own_weight` has no size."""
+    """Parse `KIND:NEWTONS`, `dead_weight:150kg` or `own_weight`; return the fields of a planned load."""
     kind, _, force = text.partition(":")
     if text == "own_weight":
         return {"kind": text}
@@ -213,7 +213,7 @@ def planned_load_of(text: str) -> dict[str, Any]:
 
 
 def target_of(text: str) -> tuple[str, list[float]]:
-    """Return a target and its place [m] of `NAME=X,Y,Z` in mm."""
+    """Parse `NAME=X,Y,Z` in mm; return the target's name and its place on the flange [m]."""
     name, _, numbers = text.rpartition("=")
     place = numbers_of(numbers)
     if not name or len(place) != 3:
@@ -222,7 +222,7 @@ def target_of(text: str) -> tuple[str, list[float]]:
 
 
 def box_of(text: str) -> list[list[float]]:
-    """Return the two corners of a box [m] of `X,Y,Z,X,Y,Z` in mm."""
+    """Parse `X,Y,Z,X,Y,Z` in mm; return the least and the greatest corner of the box [m]."""
     numbers = [1e-3 * part for part in numbers_of(text)]
     if len(numbers) != 6:
         raise ValueError(f"'{text}' must be two corners in mm, such as 800,-600,400,1900,600,1600")
@@ -231,18 +231,18 @@ def box_of(text: str) -> list[list[float]]:
 
 
 def force_of(text: str) -> dict[str, list[float]]:
-    """Return a load without moment of `X,Y,Z` [N]."""
+    """Parse `X,Y,Z` in N; return the fields of a load without moment."""
     return {"force": numbers_of(text)}
 
 
 def frame_of(text: str) -> dict[str, Any]:
-    """Return the frame of `[NAME=]NUMBERS`."""
+    """Parse `[NAME=]NUMBERS`; return the fields of a frame, whose name may be None."""
     name, _, numbers = text.rpartition("=")
     return {"name": name or None, "values": numbers_of(numbers)}
 
 
 def numbers_of(text: str) -> list[float]:
-    """Return numbers that commas or blanks separate."""
+    """Parse numbers that are separated by commas or blanks."""
     try:
         return [float(number) for number in text.replace(",", " ").split()]
     except ValueError:

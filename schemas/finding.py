@@ -71,7 +71,7 @@ class NamedCause(Message):
 
     @property
     def pair(self) -> tuple[str, str | None]:
-        """Name and label."""
+        """Name of the cause, and label of the first observation that it concerns; None for all."""
         return self.name, self.first
 
 
@@ -121,7 +121,7 @@ class Action(Message):
         robot: str | None = None,
         robot_id: str | None = None,
     ) -> Action:
-        """Return an action; what its kind does not need is empty."""
+        """Return an action of a kind; fields that the kind does not need stay empty."""
         return cls(
             kind=kind,
             observations=list(observations),
@@ -312,9 +312,10 @@ class ResultSummary(Message):
 
 
 def combined(assessments: Sequence[Assessment]) -> Assessment:
-    """Return the worst verdict with all reasons, most severe first; of the same kind and place, the first.
+    """Merge assessments: return the worst verdict with all reasons, most severe first.
 
-    Notes stay with the run that they are of, and are not repeated on what is made of it.
+    Of several reasons with equal code and place the first is kept. The counts of joints are those of the
+    assessment with the fewest identified joints. Notes are left out: they concern a single run.
     """
     reasons: dict[tuple[str, str | None], Finding] = {}
     for reason in (reason for assessment in assessments for reason in assessment.reasons):

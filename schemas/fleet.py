@@ -36,7 +36,7 @@ class FleetRequest(FleetOptions):
 
     @field_validator("measurement_set_ids", mode="after")
     @classmethod
-    def _each_once(cls, set_ids: list[str] | None) -> list[str] | None:
+    def _refuse_repeated_sets(cls, set_ids: list[str] | None) -> list[str] | None:
         if set_ids is not None and len(set(set_ids)) < len(set_ids):
             raise ValueError("must not contain duplicates")
         return set_ids

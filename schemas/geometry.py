@@ -21,7 +21,7 @@ from jointstiff.schemas.fields import (
     StatedUnit,
     Terminal,
     Vector3,
-    either,
+    require_exactly_one,
 )
 from jointstiff.schemas.finding import Assessment, Finding, ResultSummary
 from jointstiff.schemas.job import Job, Result
@@ -273,7 +273,7 @@ class GeometryNoise(Message):
         default=None, description="Uncertainty of the instrument, instead of `sigma`."
     )
 
-    _one_kind = either("sigma", "instrument")
+    _one_kind = require_exactly_one("sigma", "instrument")
 
 
 class TrackedPosition(Message):
@@ -375,19 +375,19 @@ class GeometryRequest(Message):
     )
 
     @model_validator(mode="after")
-    def _first_reading(self) -> GeometryRequest:
+    def _require_base_targets_before(self) -> GeometryRequest:
         if self.base_targets_after is not None and self.base_targets_before is None:
             raise ValueError("give `base_targets_before` with `base_targets_after`: they are compared")
         return self
 
     @model_validator(mode="after")
-    def _one_source(self) -> GeometryRequest:
+    def _require_sweeps_or_poses(self) -> GeometryRequest:
         if (self.sweeps is None) == (self.poses is None):
             raise ValueError("give either `sweeps` or `poses`")
         return self
 
     @model_validator(mode="after")
-    def _few_enough(self) -> GeometryRequest:
+    def _refuse_too_many_readings(self) -> GeometryRequest:
         swept = [position for sweep in self.sweeps or () for position in sweep.observations]
         if len(swept) > MAX_GEOMETRY_POSITIONS:
             raise ValueError(
@@ -403,7 +403,8 @@ class GeometryRequest(Message):
         return self
 
     @model_validator(mode="after")
-    def _one_robot(self) -> GeometryRequest:
+    def _refuse_contradictory_robot(self) -> GeometryRequest:
+        """Refuse two robots, a joint map in addition to a robot's, and nominal frames without a robot."""
         if self.robot_id is not None and self.robot is not None:
             raise ValueError("give either `robot_id` or `robot`, not both")
         if self.has_robot and self.joint_map is not None:
@@ -413,7 +414,7 @@ class GeometryRequest(Message):
         return self
 
     @model_validator(mode="after")
-    def _three_targets(self) -> GeometryRequest:
+    def _require_different_flange_targets(self) -> GeometryRequest:
         if (self.flange == "targets") != (self.flange_targets is not None):
             raise ValueError("give `flange_targets` if, and only if, `flange` is `targets`")
         if self.flange_targets is not None and len(set(self.flange_targets)) != len(self.flange_targets):
@@ -422,7 +423,7 @@ class GeometryRequest(Message):
 
     @property
     def has_robot(self) -> bool:
-        """Return True if there is a nominal model."""
+        """Return whether the request names or contains a robot, whose geometry is the nominal one."""
         return self.robot_id is not None or self.robot is not None
 
 

@@ -37,7 +37,7 @@ from jointstiff.schemas.robot import MAX_JOINTS
 LEAST_SIGMA = 1e-9
 
 
-def _stated(sigma: object) -> object:
+def _refuse_tiny_sigma(sigma: object) -> object:
     if isinstance(sigma, int | float) and not isinstance(sigma, bool) and sigma < LEAST_SIGMA:
         raise ValueError(
             f"must be positive, at least {LEAST_SIGMA:g}: omit `noise` to estimate sigma from the residuals"
@@ -45,7 +45,7 @@ def _stated(sigma: object) -> object:
     return sigma
 
 
-Sigma = Annotated[float, Field(strict=True, ge=LEAST_SIGMA, le=1e3), BeforeValidator(_stated)]
+Sigma = Annotated[float, Field(strict=True, ge=LEAST_SIGMA, le=1e3), BeforeValidator(_refuse_tiny_sigma)]
 """Standard uncertainty of a length, in the set's unit of length."""
 Place = Annotated[float, Field(strict=True, gt=0.0, le=1e3)]
 """Standard uncertainty of a place, in the set's unit of length."""
@@ -57,10 +57,10 @@ class _Uncertain(Message):
     """Standard uncertainties, at least one of them positive."""
 
     @model_validator(mode="after")
-    def _says_something(self) -> Self:
+    def _require_positive_value(self) -> Self:
         names = list(type(self).model_fields)
         if not any(getattr(self, name) for name in names):
-            raise ValueError(f"give a positive `{'` or `'.join(names)}`; without either omit the statement")
+            raise ValueError(f"give a positive `{'` or `'.join(names)}`; omit this field if all are zero")
         return self
 
 
@@ -188,7 +188,8 @@ class Noise(Message):
     )
 
     @model_validator(mode="after")
-    def _one_kind(self) -> Noise:
+    def _require_one_statement(self) -> Noise:
+        """Refuse a noise that gives nothing, or both sigma and an instrument."""
         if self.sigma is not None and self.instrument is not None:
             raise ValueError("give either `sigma` or `instrument`, not both")
         if not self.states_something:
@@ -197,15 +198,15 @@ class Noise(Message):
 
     @property
     def states_something(self) -> bool:
-        """Return whether anything is stated."""
+        """Return whether any field differs from its default."""
         return any(getattr(self, name) != field.default for name, field in type(self).model_fields.items())
 
 
 def refuse_two_kinds(sigma: Quantity | None, unloaded: Matrix3 | None, loaded: Matrix3 | None) -> None:
-    """Refuse a reading that states its noise twice, or that of one state only.
+    """Refuse a reading with both sigma and covariances, or with the covariance of only one state.
 
     Raises:
-        ValueError: saying which.
+        ValueError: naming the fields to give.
     """
     if (unloaded is None) != (loaded is None):
         raise ValueError("give both `unloaded_covariance` and `loaded_covariance`, or neither")
@@ -241,10 +242,11 @@ class Frame(Message):
     )
 
     @model_validator(mode="after")
-    def _one_kind(self) -> Frame:
-        explicit = self.rotation is not None and self.translation is not None
-        partly = self.rotation is not None or self.translation is not None
-        if (self.geometry_id is not None) == partly or partly != explicit:
+    def _require_geometry_or_transform(self) -> Frame:
+        """Refuse a frame unless it gives either a geometry or a whole transform."""
+        has_both = self.rotation is not None and self.translation is not None
+        has_either = self.rotation is not None or self.translation is not None
+        if (self.geometry_id is not None) == has_either or has_either != has_both:
             raise ValueError("give either `geometry_id`, or both `rotation` and `translation`")
         if self.base_targets is not None and self.geometry_id is None:
             raise ValueError("give `geometry_id` with `base_targets`: they are compared with the geometry's")
@@ -276,27 +278,29 @@ _FIRST_YEAR, _LAST_YEAR = 1980, 2200
 
 
 def _refuse_number(value: object) -> object:
-    """Refuse seconds since 1970, which could as well be milliseconds or a date written as a number."""
+    """Return a time as given; refuse a number, which may be seconds, milliseconds or a date without signs."""
     if isinstance(value, int | float) or (isinstance(value, str) and value.strip().lstrip("+-").isdecimal()):
         raise ValueError("must be a date and a time with its zone, such as 2026-11-20T14:30:00+01:00")
     return value
 
 
-def _in_utc(value: datetime) -> datetime:
+def _convert_to_utc(value: datetime) -> datetime:
     if not _FIRST_YEAR <= value.year <= _LAST_YEAR:
         raise ValueError(f"must lie between {_FIRST_YEAR} and {_LAST_YEAR}")
     return value.astimezone(UTC)
 
 
-def _lines(text: str) -> str:
+def _refuse_unprintable_lines(text: str) -> str:
     if text != text.strip() or not all(line.isprintable() for line in text.split("\n")):
         raise ValueError("must be printable lines without leading or trailing blanks")
     return text
 
 
-Moment = Annotated[AwareDatetime, BeforeValidator(_refuse_number), AfterValidator(_in_utc)]
+Moment = Annotated[AwareDatetime, BeforeValidator(_refuse_number), AfterValidator(_convert_to_utc)]
 """A time that was stated with its zone; kept in UTC."""
-Notes = Annotated[str, Field(min_length=1, max_length=MAX_NOTES_LENGTH), AfterValidator(_lines)]
+Notes = Annotated[
+    str, Field(min_length=1, max_length=MAX_NOTES_LENGTH), AfterValidator(_refuse_unprintable_lines)
+]
 """Plain text of several lines."""
 
 
@@ -357,7 +361,7 @@ class SetChange(ResourceChange, SetMetadata):
 
     @property
     def is_live(self) -> bool:
-        """True if it changes the record of an open set."""
+        """True if the request withdraws, keeps or skips observations, which only an open set allows."""
         return bool(self.withdrawn or self.kept or self.skipped)
 
 
@@ -437,12 +441,13 @@ class Reading(Message):
     )
 
     @model_validator(mode="after")
-    def _one_kind_of_noise(self) -> Reading:
+    def _refuse_two_kinds_of_noise(self) -> Reading:
         refuse_two_kinds(self.sigma, self.unloaded_covariance, self.loaded_covariance)
         return self
 
     @model_validator(mode="after")
-    def _one_kind_of_reading(self) -> Reading:
+    def _require_one_kind_of_reading(self) -> Reading:
+        """Refuse a reading unless its fields belong to exactly one of the kinds of readings."""
         given = {name for name in _KINDS_OF_READING if getattr(self, name) is not None}
         if given not in ({"unloaded"}, {"unloaded", "loaded"}, {"deflection"}, {"displacement"}):
             raise ValueError(
@@ -450,11 +455,12 @@ class Reading(Message):
                 "`unloaded` alone for runs with `weight`"
             )
         directions = [d for d in (self.direction, self.flange_direction) if d is not None]
-        short = any(hypot(*direction) < LEAST_DIRECTION for direction in directions)
-        if short or len(directions) != (self.displacement is not None):
+        is_short = any(hypot(*direction) < LEAST_DIRECTION for direction in directions)
+        # A displacement needs exactly one direction, any other reading none.
+        if is_short or len(directions) != (self.displacement is not None):
             raise ValueError(
-                "give a `displacement` exactly one of `direction` and `flange_direction`, of a length of at "
-                f"least {LEAST_DIRECTION:g}"
+                "give exactly one of `direction` and `flange_direction` with a `displacement`, at least "
+                f"{LEAST_DIRECTION:g} long, and neither without one"
             )
         if self.displacement is not None and self.unloaded_covariance is not None:
             raise ValueError("give `sigma` with a `displacement`: it has no covariance")
@@ -591,7 +597,7 @@ class StoredMeasurementSet(MeasurementSetHeader, StoredSet):
 
     @property
     def resolved(self) -> ResolvedFrame | None:
-        """Transform of its frame and targets of its geometry; None if all is in R0."""
+        """Transform from the set's frame to R0, with the geometry's targets; None if the set is in R0."""
         frame = self.resolved_frame
         if frame is None:
             return None

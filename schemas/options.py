@@ -95,7 +95,7 @@ class Balancer(Message):
     pull: _Bounds = Field(description="Least and greatest rate times free length, in N.")
 
     @model_validator(mode="after")
-    def _in_order(self) -> Balancer:
+    def _require_ordered_ranges(self) -> Balancer:
         if self.rate[0] > self.rate[1] or self.pull[0] > self.pull[1]:
             raise ValueError("give the least, then the greatest value of `rate` and of `pull`")
         return self
@@ -126,7 +126,7 @@ class OwnWeight(Message):
     )
 
     @model_validator(mode="after")
-    def _pulls(self) -> OwnWeight:
+    def _require_plausible_gravity(self) -> OwnWeight:
         if not 1.0 <= sum(part**2 for part in self.gravity) ** 0.5 <= 100.0:
             raise ValueError("gravity must be 1 to 100 m/s²: 9.80665 on the ground")
         return self
@@ -136,12 +136,13 @@ METHODS_IN_SHORT = {"CP": "complete_pose", "PP": "partial_pose", "DPP": "decoupl
 """The paper's abbreviations, which are taken for the names of the methods."""
 
 
-def _in_full(name: object) -> object:
+def _expand_method_name(name: object) -> object:
+    """Return the full name of a method for a short one, in either case; anything else as it is."""
     return METHODS_IN_SHORT.get(name.upper(), name) if isinstance(name, str) else name
 
 
 Method = Annotated[
-    Literal["complete_pose", "partial_pose", "decoupled_partial_pose"], BeforeValidator(_in_full)
+    Literal["complete_pose", "partial_pose", "decoupled_partial_pose"], BeforeValidator(_expand_method_name)
 ]
 Weighting = Literal["covariance", "characteristic_length", "uniform"]
 PositiveStiffness = Annotated[float, Field(strict=True, ge=1.0, le=1e15)]
@@ -159,14 +160,14 @@ class StiffnessPrior(Message):
 
     @field_validator("standard_uncertainty", mode="after")
     @classmethod
-    def _at_most_half(cls, uncertainty: float, info: ValidationInfo) -> float:
+    def _refuse_vague_prior(cls, uncertainty: float, info: ValidationInfo) -> float:
         stiffness = info.data.get("stiffness")
         if stiffness is not None and uncertainty > stiffness / 2:
             raise ValueError("must be at most half of the stiffness; omit the prior if less is known")
         return uncertainty
 
 
-def _named(loss: object) -> object:
+def _replace_missing_loss(loss: object) -> object:
     return "automatic" if loss is None else loss
 
 
@@ -193,14 +194,14 @@ class MethodOptions(Message):
 
     @field_validator("characteristic_length", mode="after")
     @classmethod
-    def _goes_with_its_weighting(cls, length: float | None, info: ValidationInfo) -> float | None:
+    def _require_weighting_by_length(cls, length: float | None, info: ValidationInfo) -> float | None:
         weighting = info.data.get("weighting")
         if length is not None and weighting != "characteristic_length":
             raise ValueError(f"needs weighting `characteristic_length`, not `{weighting}`")
         return length
 
 
-def _once_each(causes: list[NamedCause]) -> list[NamedCause]:
+def _refuse_repeated_causes(causes: list[NamedCause]) -> list[NamedCause]:
     if len({(cause.name, cause.first) for cause in causes}) < len(causes):
         raise ValueError("names the same cause twice")
     return causes
@@ -209,7 +210,7 @@ def _once_each(causes: list[NamedCause]) -> list[NamedCause]:
 Causes = Annotated[
     list[NamedCause],
     Field(max_length=MAX_CAUSES),
-    AfterValidator(_once_each),
+    AfterValidator(_refuse_repeated_causes),
     Terminal("--cause", "NAME[:FIRST]", cause_of, "list"),
 ]
 """Causes that are fitted with the joints."""
@@ -227,7 +228,9 @@ class RunOptions(MethodOptions):
         "positive.",
         examples=[{"joint_2": [1e6, None]}],
     )
-    loss: Annotated[Literal["squared", "huber", "absolute", "automatic"], BeforeValidator(_named)] = Field(
+    loss: Annotated[
+        Literal["squared", "huber", "absolute", "automatic"], BeforeValidator(_replace_missing_loss)
+    ] = Field(
         default="automatic",
         description="Loss function of the norm of each target's whitened residual. `huber`: linear beyond a "
         "threshold, against bumped targets. `absolute`: the norm itself; needs a named "
@@ -317,14 +320,15 @@ class RunOptions(MethodOptions):
 
     @field_validator("huber_threshold", mode="after")
     @classmethod
-    def _goes_with_its_loss(cls, threshold: float | None, info: ValidationInfo) -> float | None:
+    def _require_huber_loss(cls, threshold: float | None, info: ValidationInfo) -> float | None:
         if threshold is not None and info.data.get("loss") != "huber":
             raise ValueError("needs loss `huber`")
         return threshold
 
     @field_validator("elasticity", mode="after")
     @classmethod
-    def _goes_with_the_loss(cls, elasticity: Elasticity, info: ValidationInfo) -> Elasticity:
+    def _refuse_absolute_loss_of_joints(cls, elasticity: Elasticity, info: ValidationInfo) -> Elasticity:
+        """Refuse the loss `absolute` unless the elasticity is named and has more than joints."""
         loss = info.data.get("loss")
         if loss == "absolute" and elasticity in {"joints", "automatic"}:
             raise ValueError(
@@ -335,9 +339,10 @@ class RunOptions(MethodOptions):
 
     @field_validator("links", "link_penalty", mode="after")
     @classmethod
-    def _goes_with_more_than_joints(
+    def _require_elastic_links(
         cls, chosen: list[str] | float | None, info: ValidationInfo
     ) -> list[str] | float | None:
+        """Refuse chosen links, or a penalty of links, unless the elasticity has links."""
         elasticity = info.data.get("elasticity")
         if chosen and elasticity == "joints":
             raise ValueError("needs an elasticity other than `joints`")
@@ -349,23 +354,24 @@ class RunOptions(MethodOptions):
 
     @field_validator("weight", mode="after")
     @classmethod
-    def _goes_alone(cls, weight: OwnWeight | None, info: ValidationInfo) -> OwnWeight | None:
+    def _refuse_incompatible_options(cls, weight: OwnWeight | None, info: ValidationInfo) -> OwnWeight | None:
+        """Refuse own weight together with options that differ from those that own weight supports."""
         if weight is None:
             return weight
-        alone = {"method", "weighting", "positive", "resampling", "priors"}
-        alone |= {"stiffness_bounds", "stiffness_order", "causes"}
-        for name in sorted(alone & info.data.keys()):
+        incompatible = {"method", "weighting", "positive", "resampling", "priors"}
+        incompatible |= {"stiffness_bounds", "stiffness_order", "causes"}
+        for name in sorted(incompatible & info.data.keys()):
             if info.data[name] != cls.model_fields[name].get_default(call_default_factory=True):
                 raise ValueError(f"does not go with `{name}`: leave one of the two out")
-        others = {"loss": {"automatic", "squared"}, "elasticity": {"automatic", "joints"}}
-        for name, accepted in others.items():
+        compatible = {"loss": {"automatic", "squared"}, "elasticity": {"automatic", "joints"}}
+        for name, accepted in compatible.items():
             if name in info.data and info.data[name] not in accepted:
                 raise ValueError(f"does not go with {name} `{info.data[name]}`: leave one of the two out")
         return weight
 
     @field_validator("stiffness_bounds", mode="after")
     @classmethod
-    def _least_below_greatest(cls, bounds: dict[str, StiffnessBound]) -> dict[str, StiffnessBound]:
+    def _require_ordered_bounds(cls, bounds: dict[str, StiffnessBound]) -> dict[str, StiffnessBound]:
         for name, (least, greatest) in bounds.items():
             if least is not None and greatest is not None and least >= greatest:
                 raise ValueError(f"{name}: the minimum stiffness must be less than the maximum")

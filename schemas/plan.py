@@ -24,10 +24,10 @@ from jointstiff.schemas.fields import (
     Terminal,
     Vector3,
     box_of,
-    either,
     numbers_of,
     planned_load_of,
     prior_of,
+    require_exactly_one,
     target_of,
 )
 from jointstiff.schemas.finding import AcceptingOptions, Assessment
@@ -130,7 +130,7 @@ class DeadWeight(Message):
         default=None, description="Hung mass in place of `force`; it weighs 9.80665 N a kilogram."
     )
 
-    _stated_once = either("force", "mass")
+    _stated_once = require_exactly_one("force", "mass")
 
     @property
     def newtons(self) -> float:
@@ -319,7 +319,7 @@ class PlanRequest(PlanOptions):
     robot_id: Identifier | None = Field(default=None, description="Robot to begin a campaign with.")
     measurement_set_id: Identifier | None = Field(default=None, description="Measurement set to continue.")
 
-    _one_of_them = either("robot_id", "measurement_set_id")
+    _one_of_them = require_exactly_one("robot_id", "measurement_set_id")
 
 
 class PlannedReading(Message):

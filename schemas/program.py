@@ -76,7 +76,7 @@ class ProcessLoad(Message):
     )
 
     @model_validator(mode="after")
-    def _ordered(self) -> ProcessLoad:
+    def _require_ordered_lines(self) -> ProcessLoad:
         first, last = self.first_line, self.last_line
         if first is not None and last is not None and last < first:
             raise ValueError("`last_line` must not come before `first_line`")
@@ -184,14 +184,14 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     )
 
     @model_validator(mode="after")
-    def _one_load(self) -> ProgramOptions:
+    def _require_one_load(self) -> ProgramOptions:
         stated = (self.load is not None) + bool(self.segments) + (self.loads is not None)
         if stated > 1 or not (stated or self.absolute):
             raise ValueError("state the load of the process: one of `load`, `segments` and `loads`")
         if any(None in (each.first_line, each.last_line) for each in self.segments):
             raise ValueError("each of `segments` needs `first_line` and `last_line`")
         if self.absolute and self.ramp_length:
-            raise ValueError("`absolute` corrects all of the path: no ramp")
+            raise ValueError("omit `ramp_length`: `absolute` corrects the whole path, without a ramp")
         return self
 
 

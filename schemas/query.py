@@ -49,7 +49,7 @@ class ListQuery(PageQuery):
     )
 
     def listing(self) -> dict[str, Any]:
-        """Return the page, its order and search, and `filters` by exact values."""
+        """Return the arguments of a listing: page, order, search, and `filters` by exact values."""
         chosen = self.model_dump(exclude_none=True)
         whole = {name: chosen.pop(name) for name in ListQuery.model_fields if name in chosen}
         filters = {name: str(value) for name, value in chosen.items()}
@@ -111,7 +111,7 @@ class OpenSetQuery(ListQuery):
 
     @classmethod
     def of(cls, query: SetQuery) -> OpenSetQuery:
-        """Return the filters that a query of sets has in common with it."""
+        """Return the filters of a query of measurement sets that a query of open sets has, too."""
         return cls(**{name: getattr(query, name) for name in cls.model_fields})
 
 
@@ -139,14 +139,14 @@ class SetQuery(OpenSetQuery):
     )
 
     @model_validator(mode="after")
-    def _in_order(self) -> SetQuery:
+    def _require_ordered_times(self) -> SetQuery:
         first, last = self.measured_from, self.measured_to
         if first is not None and last is not None and last <= first:
             raise ValueError("`measured_to` must be after `measured_from`")
         return self
 
     def listing(self) -> dict[str, Any]:
-        """Return the same, and `spans` of time: from the first, to before the second."""
+        """Return the arguments of a listing, with `spans`: a first time, and a time before which to end."""
         listing = super().listing()
         for name in ("measured_from", "measured_to"):
             listing["filters"].pop(name, None)

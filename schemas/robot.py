@@ -21,7 +21,7 @@ from jointstiff.schemas.fields import (
     Square3,
     Timestamp,
     Vector3,
-    either,
+    require_exactly_one,
 )
 from jointstiff.schemas.finding import Verdict
 from jointstiff.schemas.joints import JointKind, StatedKind
@@ -141,7 +141,7 @@ class RobotDocument(Message):
     )
 
     @model_validator(mode="after")
-    def _one_joint_map(self) -> RobotDocument:
+    def _refuse_second_joint_map(self) -> RobotDocument:
         if isinstance(self.model, GeometryModel) and self.joint_map is not None:
             raise ValueError("omit `joint_map`: the geometry has its own")
         return self
@@ -279,7 +279,7 @@ class KinematicsRequest(Message):
         description="Joints as displayed by the controller, one list per configuration; default: all zeros.",
     )
 
-    _one_robot = either("robot_id", "robot")
+    _one_robot = require_exactly_one("robot_id", "robot")
 
 
 class Posture(Message):

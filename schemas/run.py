@@ -86,7 +86,7 @@ class _Joint(Protocol):
 
 
 def found_in(joints: Iterable[_Joint]) -> int:
-    """Count the joints that have a stiffness with an upper end; of those without interval, the identified."""
+    """Count the joints whose stiffness has an upper limit, or, without an interval, is identified."""
     found = 0
     for joint in joints:
         ends = joint.stiffness_interval
@@ -160,7 +160,7 @@ class Budget(Message):
     )
 
     def included_in(self, joint: str) -> dict[str, float]:
-        """Return the included contributions to a joint's standard uncertainty by source; none without one."""
+        """Return the contributions to a joint's standard uncertainty by source; empty without a number."""
         if joint not in self.joints:
             return {}
         place = self.joints.index(joint)
@@ -558,7 +558,7 @@ class RunResult(Result):
         )
 
     def mean_lengths(self, of: Literal["deflection", "residual"]) -> dict[str, float]:
-        """Return the mean length of a vector of the residuals by observation, over its targets [m]."""
+        """Return by observation the mean length [m] of its targets' deflections, or of their residuals."""
         lengths: dict[str, list[float]] = {}
         for each in self.residuals:
             lengths.setdefault(each.observation, []).append(hypot(*getattr(each, of)))
@@ -576,7 +576,7 @@ class Run(Job):
 
     @property
     def elasticity(self) -> Elasticity:
-        """Elements that bend in the numbers; while there are none, those of the request."""
+        """Elements that bend in the model of the result; before there is a result, those of the request."""
         choice = None if self.result is None else self.result.choice
         if self.request.weight is not None:
             return "joints"

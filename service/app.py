@@ -18,7 +18,7 @@ from jointstiff.service.api.answers import install_error_handlers
 from jointstiff.service.api.description import DescribedApplication, problems
 from jointstiff.service.api.health import Metrics, Watch
 from jointstiff.service.api.jobs import Followers
-from jointstiff.service.api.middleware import COMPRESSED_BYTES, PACKED, Guard, Methods, Observed
+from jointstiff.service.api.middleware import COMPRESSED_BYTES, UNCOMPRESSED_TYPES, Guard, Methods, Observed
 from jointstiff.service.api.page import install_description, install_page
 from jointstiff.service.jobs import Enqueue, Parts
 from jointstiff.service.kinds.registry import KINDS
@@ -53,14 +53,14 @@ def create_app(
     keyring: Keyring | None = None,
     laboratory: LaboratorySettings | None = None,
 ) -> FastAPI:
-    """Compose the service on an open store, which stays the caller's to close.
+    """Build the application of the service on an open store; the caller closes the store.
 
     Args:
         store: where robots, measurement sets and runs are kept.
-        enqueue: leaves long jobs to workers; without it they are carried out at once.
-        posture: whom it trusts; without it, who is on this machine.
-        keyring: keys that open the service, where the posture demands one; those of the store without it.
-        laboratory: that issues reports; without it they name none.
+        enqueue: leaves a long job to workers; without it every job is computed while its request waits.
+        posture: which callers are answered; without it only programs of this machine.
+        keyring: valid keys, if the posture requires keys; without it those of the store.
+        laboratory: settings of the laboratory that issues reports; without it reports name no laboratory.
 
     Raises:
         UndeclaredRoleError: a route does not say which role it needs.
@@ -97,10 +97,13 @@ def create_app(
     install_page(app)
     install_error_handlers(app)
     app.add_middleware(
-        GZipMiddleware, minimum_size=COMPRESSED_BYTES, compresslevel=5, exclude_content_types=PACKED
+        GZipMiddleware,
+        minimum_size=COMPRESSED_BYTES,
+        compresslevel=5,
+        exclude_content_types=UNCOMPRESSED_TYPES,
     )
     app.add_middleware(Methods, routes=app.routes)
-    public_paths(app.routes)  # now, as middleware is made with the first request
+    public_paths(app.routes)  # checks the roles of all routes now: middleware is made with the first request
     app.add_middleware(Guard, posture=posture, gate=gate, audit=Audit(store), routes=app.routes)
     app.state.metrics = metrics = Metrics()
     app.add_middleware(Observed, metrics=metrics)
@@ -109,9 +112,9 @@ def create_app(
 
 @cache
 def all_routes() -> Sequence[BaseRoute]:
-    """Return the routes of all resources and kinds, made once: FastAPI takes a tenth of a second."""
-    # Else FastAPI describes errors of its own
-    whole = APIRouter(generate_unique_id_function=operation_id, responses=problems(422))
+    """Return the routes of all resources and kinds of jobs; cached, as FastAPI takes 0.1 s to build them."""
+    # Without an answer 422 of ours FastAPI would describe its own form of error.
+    combined = APIRouter(generate_unique_id_function=operation_id, responses=problems(422))
     for router in (
         resources.robots,
         resources.trends,
@@ -125,14 +128,15 @@ def all_routes() -> Sequence[BaseRoute]:
         admin.sessions,
         admin.router,
         jobs.router,
-        *(jobs.post_of(kind) for kind in KINDS if not kind.is_form),
+        *(jobs.make_post_route(kind) for kind in KINDS if not kind.is_form),
     ):
-        whole.include_router(router)
-    return whole.routes
+        combined.include_router(router)
+    return combined.routes
 
 
 @asynccontextmanager
 async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
+    """Limit the threads that answer requests, and watch the store while the application runs."""
     current_default_thread_limiter().total_tokens = CONCURRENT_REQUESTS
     with app.state.watch:
         yield

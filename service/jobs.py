@@ -60,7 +60,7 @@ _COLUMNS: Final = (
     "verdict",
 )
 """Columns of the store that have the values of the summary's fields."""
-_OF_ROW: Final = frozenset(field.name for field in fields(JobEntry)) - {"summary"}
+_ROW_FIELDS: Final = frozenset(field.name for field in fields(JobEntry)) - {"summary"}
 """Fields of a job in a listing that are columns of its row."""
 _CHANGING: Final = ("state", "summary", "trend", "document", "elasticity", "verdict")
 """Columns that change until a job ends."""
@@ -72,7 +72,7 @@ PARTS_AT_ONCE: Final = 8
 """Parts of a job that wait or are carried out at the same time; each leaves one that follows."""
 CANCEL_SECONDS: Final = 2.0
 """Time that a request to cancel a job waits for a worker that has it locked, which may be stopped [s]."""
-_NONE: Final[Mapping[str, object]] = MappingProxyType({})
+_NO_CHANGES: Final[Mapping[str, object]] = MappingProxyType({})
 
 _logger = logging.getLogger(__name__)
 
@@ -90,42 +90,45 @@ class Part:
 
 
 class PartQueue(Protocol):
-    """The queue of the parts, for who carries one out."""
+    """Queue in which parts of jobs wait for workers."""
 
     def leave(self, job_id: str, parts: Iterable[Part]) -> object:
-        """Leave parts of a job that has begun to workers; each once, however often it is left."""
+        """Add parts of a running job to the queue; a part that was added before is not added again."""
 
     def others_wait(self, job_id: str) -> bool:
-        """Return whether parts of other jobs than this one wait for a worker."""
+        """Return whether parts of jobs other than this job wait for a worker."""
         ...
 
 
 class Jobs:
-    """The jobs of one kind in a store. Quick ones are carried out at once, others may be left to workers."""
+    """The jobs of one kind in a store. Quick jobs are computed at once, long jobs may be left to workers."""
 
     def __init__(self, kind: AnyKind, resources: Resources, enqueue: Enqueue | None = None) -> None:
         """Serve the jobs of a store.
 
         Args:
-            kind: their kind.
-            resources: of the store.
-            enqueue: leaves long jobs to workers; without it every job is carried out at once.
+            kind: kind of the jobs.
+            resources: robots, measurement sets and jobs of the store.
+            enqueue: leaves a long job to workers; without it every job is computed at once.
         """
-        self.kind = kind  # their kind
-        self.records = resources.store.jobs(kind.resource)  # as they are stored
-        # return the work of a stored job, for those who carry it out
-        self.work: Callable[[str], Any] = lru_cache(maxsize=4)(self._work)
+        self.kind = kind
+        self.records = resources.store.jobs(kind.resource)
+        # Return the work of a stored job by its id; cached, as each part of a job needs it.
+        self.work: Callable[[str], Any] = lru_cache(maxsize=4)(self._load_work)
         self._inputs = resources
         self._enqueue = enqueue
 
     def create(self, request: Message, key: IdempotencyKey | None, by: AccessKey | None = None) -> JobRecord:
-        """Store a job: carried out, or enqueued if it takes long and there are workers.
+        """Store a new job and return its record; if there are workers, a long job is left to them.
+
+        If the idempotency key came before with the same body, the job that it created is returned. `by` is
+        the access key of the requester.
 
         Raises:
             RequestError: what is requested does not exist, or the readings cannot support it.
                 Nothing is stored then.
             IdempotencyConflictError: the key came before with another body.
-            TooManyJobsError: `MAX_OPEN` of them have not ended.
+            TooManyJobsError: `MAX_OPEN` jobs of this kind have not ended.
         """
         if key is not None and (before := self.records.find(key)) is not None:
             return before
@@ -152,18 +155,18 @@ class Jobs:
         return self._with_progress(self.records.get(job_id))
 
     def answered(self, record: JobRecord) -> str:
-        """Return a job as it is answered, as JSON: one that has ended as it was stored."""
+        """Return a job as JSON, as the API answers it; a job that has not ended with its progress."""
         is_active = record.state in OPEN_STATES
         return self.kind.answered(
             self._with_progress(record).model_dump_json() if is_active else record.document
         )
 
     def cancel(self, job_id: str) -> Job:
-        """End a job where it is; a job that has ended stays as it is.
+        """Cancel a job and return it; a job that has ended stays as it is.
 
         Raises:
             NotFoundError: there is no such job.
-            StoreUnavailableError: a worker keeps it locked; cancel it again.
+            StoreUnavailableError: a worker keeps the job locked; cancel the job again.
         """
         job = self.current(job_id)
         if job.state in OPEN_STATES:
@@ -171,28 +174,28 @@ class Jobs:
         return self.current(job_id)
 
     def mark_running(self, job_id: str) -> None:
-        """Write that a job is being carried out from now on."""
+        """Set the state of a queued job to running, with the present as the time of its start."""
         record = self.records.get(job_id)
         job = self._read_job(record)
         started = job.provenance.model_copy(
             update={"started_at": max(datetime.now(UTC), job.provenance.created_at)}
         )
         job = job.model_copy(update={"state": "running", "provenance": started})
-        self.records.start(job_id, self._changes(job, record.robot_id))
+        self.records.start(job_id, self._changing_columns(job, record.robot_id))
 
     def carry_out(self, part: Part, queue: PartQueue) -> None:
-        """Carry out a part of a job that a worker claimed, and keep what each step computes.
+        """Carry out the steps of a part of a job, and store the result of each step.
 
-        Anyone may do so again: steps whose results are kept are not computed once more. The part that finds
-        the results of all steps ends the job.
+        A part may be carried out again: steps with a stored result are skipped. The part after which all
+        steps of the job have results ends the job.
 
         Args:
-            part: the part.
-            queue: takes the parts that follow, and the other steps of this one if other jobs wait.
+            part: the part that a worker claimed.
+            queue: takes the parts that follow, and the rest of this part if other jobs wait.
 
         Raises:
-            JointstiffError: the job is to fail.
-            NotFoundError: the job is no more.
+            JointstiffError: a step cannot be computed; the caller lets the job fail.
+            NotFoundError: the job was removed.
         """
         job_id, number = part.job_id, part.number
         if not self.records.is_active(job_id):
@@ -204,13 +207,14 @@ class Jobs:
             queue.leave(
                 job_id, [Part(job_id, other, 0) for other in range(1, min(PARTS_AT_ONCE, len(parts)))]
             )
-        done, mine = stored.done(job_id), parts[number] if parts else ()
-        left = [span for span in mine if span[0] not in done]
-        kept, end = len(mine) - len(left), time.monotonic() + PART_SECONDS
-        for span in left:
-            # Whoever died over the part kept steps of it: the deaths are counted anew.
-            late = time.monotonic() >= end and queue.others_wait(job_id)
-            if kept > part.kept and (span is left[0] or late):
+        done, own_steps = stored.done(job_id), parts[number] if parts else ()
+        remaining = [span for span in own_steps if span[0] not in done]
+        kept, deadline = len(own_steps) - len(remaining), time.monotonic() + PART_SECONDS
+        for span in remaining:
+            must_yield = time.monotonic() >= deadline and queue.others_wait(job_id)
+            # Results that an earlier worker kept before it died are progress: the rest becomes a new entry
+            # of the queue, which counts the deaths of workers from zero.
+            if kept > part.kept and (span is remaining[0] or must_yield):
                 queue.leave(job_id, [Part(job_id, number, kept)])
                 return
             if not stored.keep(job_id, span, pack(self.work(job_id).compute(span))):
@@ -218,15 +222,15 @@ class Jobs:
             kept += 1
         if (following := number + PARTS_AT_ONCE) < len(parts):
             queue.leave(job_id, [Part(job_id, following, 0)])
-        # Whoever ends the job removes the results.
+        # Another worker may have ended the job meanwhile, which removes the results: then there are fewer.
         if len(stored.done(job_id)) == len(steps) == len(results := stored.results(job_id)):
             self.conclude(job_id, results)
 
     def conclude(self, job_id: str, computed: Sequence[bytes]) -> None:
-        """Put a job together from the results of all its steps, in order, and end it.
+        """Compute the result of a job from the packed results of its steps, in their order, and end the job.
 
         Raises:
-            MemoryError: there is too little left here; another worker may have enough.
+            MemoryError: this process has too little memory; another worker may have enough.
         """
         work = self.work(job_id)
         result, error = outcome_of(
@@ -237,7 +241,7 @@ class Jobs:
         self._end_job(job_id, final_state(error), {"result": result, "error": error}, provenance)
 
     def fail(self, job_id: str, failure: Exception) -> None:
-        """End a job whose steps failed; one that has ended, and may be deleted, stays as it is."""
+        """End a job as failed, with the problem of an exception; a job that has ended stays as it is."""
         if not self.records.is_active(job_id):
             return
         if isinstance(failure, JointstiffError | WorkerLostError):
@@ -248,6 +252,7 @@ class Jobs:
         self._end_job(job_id, "failed", {"error": error})
 
     def _with_progress(self, record: JobRecord) -> Job:
+        """Return a job by its record; the progress of a running job is counted from its stored steps."""
         job = self._read_job(record)
         if record.state not in OPEN_STATES or job.progress is None:
             return job
@@ -258,13 +263,16 @@ class Jobs:
         return job.model_copy(update={"state": record.state, "progress": progress})
 
     def _read_job(self, record: JobRecord) -> Job:
+        """Return the message of a job as its record has it."""
         job: Job = self.kind.message.model_validate_json(record.document)
         return job
 
-    def _work(self, job_id: str) -> Work:
+    def _load_work(self, job_id: str) -> Work:
+        """Prepare the work of a stored job from its request."""
         return self.kind.compute(self._inputs, self.current(job_id).request)
 
-    def _changes(self, job: Job, robot_id: str | None) -> dict[str, Any]:
+    def _changing_columns(self, job: Job, robot_id: str | None) -> dict[str, Any]:
+        """Return the columns of a job's record that change until the job ends, with their values."""
         record = record_of(self.kind, job, robot_id)
         return {name: getattr(record, name) for name in _CHANGING}
 
@@ -272,39 +280,44 @@ class Jobs:
         self,
         job_id: str,
         state: JobState,
-        changes: Mapping[str, object] = _NONE,
-        provenance: Mapping[str, object] = _NONE,
+        changes: Mapping[str, object] = _NO_CHANGES,
+        provenance: Mapping[str, object] = _NO_CHANGES,
         at_most: float = BUSY_SECONDS,
     ) -> None:
-        """End a job as it is then: what others wrote of it meanwhile is kept."""
+        """End a job: apply changes of its fields and of its provenance to the record as it is stored then.
 
-        def final(before: JobRecord, done: int) -> dict[str, Any]:
+        `at_most` is the time to wait for a worker that has the job locked [s].
+        """
+
+        def final_columns(before: JobRecord, done: int) -> dict[str, Any]:
+            """Return the changed columns of the ended job, from its stored record and its done units."""
             try:
                 job = self._read_job(before)
             except ValidationError:
-                # Its document is damaged: it must not keep workers busy
+                # The document is damaged; the job ends without it, so that no worker tries it again.
                 return {"state": state}
             began = job.provenance.started_at or job.provenance.created_at
-            last = {"ended_at": max(datetime.now(UTC), began), **provenance}  # clocks may be set back
+            # The clock may have been set back since the job began.
+            final_provenance = {"ended_at": max(datetime.now(UTC), began), **provenance}
             always = {
                 "state": state,
                 "progress": job.progress and job.progress.model_copy(update={"done": done}),
-                "provenance": job.provenance.model_copy(update=last),
+                "provenance": job.provenance.model_copy(update=final_provenance),
             }
-            return self._changes(job.model_copy(update={**changes, **always}), before.robot_id)
+            return self._changing_columns(job.model_copy(update={**changes, **always}), before.robot_id)
 
-        self.records.end(job_id, state, final, at_most)
+        self.records.end(job_id, state, final_columns, at_most)
 
 
 def record_of(kind: AnyKind, job: Job, robot_id: str | None) -> JobRecord:
-    """Return a job as the store keeps it."""
+    """Return the record of a job: its message as JSON, and the columns by which jobs are listed."""
     summary = summary_of(job, robot_id)
     return JobRecord(
         id=job.id,
         kind=kind.name,
         state=job.state,
         created_at=job.provenance.created_at,
-        summary=summary.model_dump(mode="json", exclude_defaults=True, exclude=set(_OF_ROW)),
+        summary=summary.model_dump(mode="json", exclude_defaults=True, exclude=set(_ROW_FIELDS)),
         robot_id=robot_id,
         trend=numbers_of_trend(job) if isinstance(job, Run) else None,
         document=job.model_dump_json(),
@@ -313,7 +326,10 @@ def record_of(kind: AnyKind, job: Job, robot_id: str | None) -> JobRecord:
 
 
 def summary_of(job: Job, robot_id: str | None) -> JobSummary:
-    """Return a job as it is listed, without the names of its robot and its set."""
+    """Return the summary of a job for listings, without the names of its robot and its measurement set.
+
+    Each field is taken from the first that has it: the job, its request, its provenance or its result.
+    """
     result = job.result.summary if isinstance(job.result, Result) else ResultSummary()
     sources = (job, job.request, job.provenance, result)
     fields = {
@@ -324,9 +340,9 @@ def summary_of(job: Job, robot_id: str | None) -> JobSummary:
     return JobSummary.model_validate(fields | {"robot_id": robot_id})
 
 
-def listed(entry: JobEntry) -> JobSummary:
-    """Return a job as it is listed, from its row."""
-    columns = {name: getattr(entry, name) for name in _OF_ROW}
+def summary_of_entry(entry: JobEntry) -> JobSummary:
+    """Return the summary of a job from its row in a listing."""
+    columns = {name: getattr(entry, name) for name in _ROW_FIELDS}
     return JobSummary.model_validate(entry.summary | columns)
 
 
@@ -336,14 +352,14 @@ class Parts(Resources):
     def __init__(self, store: Store, enqueue: Enqueue | None = None) -> None:
         """Compose the parts on a store; without `enqueue` every job is carried out at once."""
         super().__init__(store)
-        self.jobs = {kind.name: Jobs(kind, self, enqueue) for kind in KINDS}  # by the name of their kind
+        self.jobs = {kind.name: Jobs(kind, self, enqueue) for kind in KINDS}  # name of a kind → its jobs
         self._records = store.jobs(JOB)
         self.trends = Trends(store)  # of its robots
-        # sets that are measured
+        # the sets that are measured live; closing a set creates a run
         self.live = OpenSets(self, lambda *run: self.jobs["run"].create(*run).id)
 
     def jobs_of(self, job_id: str) -> Jobs:
-        """Return the jobs of the kind that a job is of; it may be deleted.
+        """Return the jobs of the same kind as a job, given its id; the job may be deleted.
 
         Raises:
             NotFoundError: there is no such job.
@@ -354,7 +370,7 @@ class Parts(Resources):
         return self.jobs[kind]
 
     def job(self, job_id: str, *, hidden: bool = False) -> str:
-        """Return a job of any kind as it is answered, as JSON; a deleted one if requested.
+        """Return a job of any kind as JSON, as the API answers it; with `hidden` also a deleted job.
 
         Raises:
             NotFoundError: there is no such job.
@@ -369,4 +385,6 @@ class Parts(Resources):
             CursorError: no page gave this cursor.
         """
         page = self._records.page(**query.listing())
-        return Page(items=[listed(entry) for entry in page.records], next=page.next, total=page.total)
+        return Page(
+            items=[summary_of_entry(entry) for entry in page.records], next=page.next, total=page.total
+        )

@@ -66,7 +66,7 @@ class Forwarded:
     requester: Requester
 
     def scope(self) -> Scope:
-        """Return it as an application takes it."""
+        """Return the ASGI scope of the request, with its requester and its id."""
         return {
             "type": "http",
             "asgi": {"version": "3.0"},
@@ -87,7 +87,7 @@ FORWARDED: Final = TypeAdapter(Forwarded)
 
 
 def is_limited(path: str, content: bytes) -> bool:
-    """Return whether a request is one for the child."""
+    """Return whether the child answers a request, by its path and by the size or the type of its body."""
     return path in _ALWAYS or (path in _PATHS and (len(content) > LIMITED_BYTES or _ARCHIVE in content))
 
 
@@ -101,13 +101,13 @@ class LimitedChild:
         memory: int = LIMITED_MEMORY,
         seconds: float = LIMITED_SECONDS,
     ) -> None:
-        """Answer from a database.
+        """Prepare a child that answers from a database; its process starts with the first request.
 
         Args:
             database: its URL.
-            quota: size that it may have [bytes]; None for any.
-            memory: that it may take beyond what it has when it is idle [bytes].
-            seconds: time for one body.
+            quota: size that the database may have [bytes]; None for any.
+            memory: memory for one body, in addition to that of the idle process [bytes].
+            seconds: time for one body [s].
         """
         self._opening = json.dumps([database, quota, memory, seconds]).encode()
         self._memory, self._seconds = memory, seconds
@@ -117,10 +117,10 @@ class LimitedChild:
         self._is_ready = False
 
     async def answer(self, request: Request) -> Response | None:
-        """Answer a request if it is one for the child; None if it is not.
+        """Let the child answer a request; return None if the request is not one for the child.
 
         Raises:
-            HTTPException: it took too much memory or time (413), or the child does not start (503).
+            HTTPException: the body took too much memory or time (413), or the child does not start (503).
         """
         content = await request.body()
         if not is_limited(request.url.path, content):
@@ -133,14 +133,14 @@ class LimitedChild:
             REQUEST_ID.get(),
             requester_of(request),
         )
-        head, body = await run_sync(self._answer, forwarded, content, limiter=self._turns)
+        head, body = await run_sync(self._exchange, forwarded, content, limiter=self._turns)
         status, headers = json.loads(head)
         response = Response(body, status)
         response.raw_headers = [(name.encode("latin-1"), value.encode("latin-1")) for name, value in headers]
         return response
 
     def close(self) -> None:
-        """End the child, whatever it does."""
+        """Kill the child, even while it works on a body."""
         if self._connection is not None:
             self._connection.close()
         if self._process is not None:  # even if nothing could be sent to it
@@ -149,8 +149,13 @@ class LimitedChild:
         self._connection = self._process = None
         self._is_ready = False
 
-    def _answer(self, forwarded: Forwarded, content: bytes) -> tuple[bytes, bytes]:
-        connection = self._running()
+    def _exchange(self, forwarded: Forwarded, content: bytes) -> tuple[bytes, bytes]:
+        """Send a request and its body to the child; return its answer: status and headers as JSON, and body.
+
+        Raises:
+            HTTPException: the body took too much memory or time (413), or the child does not start (503).
+        """
+        connection = self._ready_connection()
         try:
             connection.send_bytes(FORWARDED.dump_json(forwarded))
             connection.send_bytes(content)
@@ -163,11 +168,11 @@ class LimitedChild:
                 413, f"the body takes more than {self._seconds:.0f} s or {self._memory >> 20} MiB; split it"
             ) from None
 
-    def _running(self) -> Connection[bytes, bytes]:
-        """Return the connection to the child once it is ready; one that is slow to start goes on starting.
+    def _ready_connection(self) -> Connection[bytes, bytes]:
+        """Return the connection to the child once it is ready; start the child if it does not run.
 
         Raises:
-            HTTPException: it is still starting, or does not start (503).
+            HTTPException: the child is still starting, and goes on to do so, or does not start (503).
         """
         try:
             if self._connection is None or self._process is None or self._process.poll() is not None:
@@ -176,26 +181,26 @@ class LimitedChild:
             if not self._is_ready:
                 if not self._connection.poll(START_SECONDS):
                     raise HTTPException(
-                        503, "the process for large bodies is still starting; send it again later"
+                        503, "the process for large bodies is still starting; send the request again later"
                     )
                 self._connection.recv_bytes()
                 self._is_ready = True
         except (OSError, EOFError):
             self.close()
             raise HTTPException(
-                503, "the process for large bodies does not start; send it again later"
+                503, "the process for large bodies does not start; send the request again later"
             ) from None
         return self._connection
 
     def _start_child(self) -> Connection[bytes, bytes]:
-        """Start the child, which says when it is ready."""
-        connection, theirs = Pipe()
-        with theirs:
+        """Start the child; return our end of the pipe to it, through which it sends `ready`."""
+        connection, child_end = Pipe()
+        with child_end:
             self._process = subprocess.Popen(  # noqa: S603 - of our own words
-                [sys.executable, "-m", "jointstiff.service.limited", str(theirs.fileno())],
+                [sys.executable, "-m", "jointstiff.service.limited", str(child_end.fileno())],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
-                pass_fds=[theirs.fileno()],
+                pass_fds=[child_end.fileno()],
                 process_group=0,  # Ctrl-C at the service's terminal is the service's to hear
             )
         connection.send_bytes(self._opening)
@@ -206,7 +211,7 @@ _NO_THREAD: Final = "can't start new thread"  # Python's words for a thread that
 
 
 def run_child(descriptor: int) -> None:
-    """Answer what comes through a pipe, until the service ends or closes it.
+    """Answer requests that come through a pipe, given its descriptor, until the service closes the pipe.
 
     Raises:
         StoreError: the database cannot be used.
@@ -218,7 +223,8 @@ def run_child(descriptor: int) -> None:
         queue = stack.enter_context(closing(Queue(store, database)))
         app = create_app(store, queue.enqueue, Posture(hosts=None))
         app.state.is_closing = lambda: True  # the service itself waits for workers
-        with suppress(OSError):  # where the system does not tell how much that is
+        with suppress(OSError):  # without /proc there is no limit of memory
+            # Its sixth number is the size of data and stack, the memory of the idle process.
             pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
             most = pages * resource.getpagesize() + memory
             resource.setrlimit(resource.RLIMIT_DATA, (most, most))
@@ -234,14 +240,16 @@ def run_child(descriptor: int) -> None:
 
 
 async def _answer_of_app(app: FastAPI, forwarded: Forwarded, content: bytes) -> tuple[Message, bytes]:
-    """Return the application's answer: how it starts, and its body."""
+    """Pass a request to the application; return the ASGI message that starts its answer, and the body."""
     received = iter([{"type": "http.request", "body": content, "more_body": False}])
     sent: list[Message] = []
 
     async def receive() -> Message:
+        """Return the body to the application, then a disconnection."""
         return next(received, {"type": "http.disconnect"})
 
     async def send(message: Message) -> None:
+        """Keep a message of the application's answer."""
         sent.append(message)
 
     try:
@@ -253,7 +261,7 @@ async def _answer_of_app(app: FastAPI, forwarded: Forwarded, content: bytes) -> 
 
 
 def _limit_time(seconds: float) -> None:
-    """Limit the processor time from now on: a service that is killed leaves no child that goes on."""
+    """Let the system kill this process after some more processor time [s], even if the service is gone."""
     used = resource.getrusage(resource.RUSAGE_SELF)
     most = int(used.ru_utime + used.ru_stime + seconds) + 1
     resource.setrlimit(resource.RLIMIT_CPU, (most, resource.getrlimit(resource.RLIMIT_CPU)[1]))

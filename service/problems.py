@@ -72,13 +72,13 @@ class Resource(NamedTuple):
 
     @property
     def listing(self) -> str:
-        """Address of the listing."""
+        """Address that lists the resources of this kind."""
         if self.collection in (*_CHANGED, "jobs"):
             return f"/v1/{self.collection}"
         return f"/v1/jobs?kind={self.name}"
 
     def change(self, identifier: str, change: str) -> str:
-        """Return the request that changes one, for remedies; jobs of all kinds have one address."""
+        """Return the request that changes a resource, as text for remedies: method, address and body."""
         collection = self.collection if self.collection in _CHANGED else "jobs"
         return f"PATCH /v1/{collection}/{identifier} {{{change}}}"
 
@@ -114,7 +114,7 @@ class VerdictError(ItemsError):
 
 
 def _quote(text: str) -> str:
-    """Text from outside, quoted, escaped and short enough for a message."""
+    """Return a text from outside quoted, escaped and short enough for a message."""
     return repr(text if len(text) <= _MAX_SHOWN else text[:_MAX_SHOWN] + "…")
 
 
@@ -168,8 +168,8 @@ def missing_extra(what: str, error: ImportError) -> ImportError:
     """Return the error that names the extra of a missing library; the same error for another library.
 
     Args:
-        what: needs the library; the subject of the message.
-        error: of the import.
+        what: what needs the library, such as `a chart`; the subject of the message.
+        error: error of the import.
     """
     extra = EXTRAS.get((error.name or "").partition(".")[0])
     return error if extra is None else MissingExtraError(what, extra)
@@ -194,7 +194,7 @@ class StoreUnavailableError(StoreError):
 
     def __init__(self, reason: str, remedy: str, public_reason: str | None = None) -> None:
         super().__init__(reason, remedy)
-        # The reason without names of hosts and users, for those who ask over the network
+        # The reason without names of hosts and users, for answers over the network
         self.public_reason = reason if public_reason is None else public_reason
 
 
@@ -209,15 +209,15 @@ class DamagedError(StoreError):
 
 
 class NotFoundError(StoreError):
-    """There is no such record."""
+    """No record has the requested id."""
 
     def __init__(self, kind: Resource, identifier: str) -> None:
         super().__init__(
             f"there is no {kind.name} {_quote(identifier)}",
             f"check the id; list them with GET {kind.listing}",
         )
-        self.kind = kind  # The kind of resource that was looked for
-        self.id = identifier  # The id that nothing has; text from outside, of any length
+        self.kind = kind  # the kind of the missing resource
+        self.id = identifier  # the unknown id; text from outside, of any length
 
 
 class DeletedError(NotFoundError):
@@ -247,7 +247,7 @@ class ClosedError(StoreError):
     def __init__(self, identifier: str) -> None:
         super().__init__(
             f"the measurement set {_quote(identifier)} is closed",
-            "open another one; what was read stays in this one",
+            "open another set; the readings of this set are kept",
         )
 
 
@@ -256,8 +256,8 @@ class TakenError(StoreError):
 
     def __init__(self, label: str) -> None:
         super().__init__(
-            f"the set has another observation {_quote(label)}",
-            "another device may have sent it: ask what is next, and send this one with a label of its own",
+            f"the set already has a different observation with the label {_quote(label)}",
+            "another device may have sent that observation: send this observation with another label",
         )
 
 
@@ -277,18 +277,18 @@ class WorkerLostError(StoreError):
     def __init__(self, reason: str) -> None:
         super().__init__(
             reason,
-            "send it again; if its workers end again, split it, give them more memory, or read their logs",
+            "send the job again; if its workers end again, split it or give them more memory; see their logs",
         )
 
 
 class QuotaError(StoreError):
-    """The database has reached the size that it may have."""
+    """The database has reached its quota."""
 
     def __init__(self, used: int, quota: int) -> None:
         super().__init__(
             f"the database has {used / 1e6:,.0f} MB, and its quota is {quota / 1e6:,.0f} MB",
-            "delete jobs and measurement sets, which gives room after 30 days, or start the service with a "
-            "larger --quota",
+            "delete jobs and measurement sets (their space is free after 30 days), or start the service with "
+            "a larger --quota",
         )
 
 
@@ -298,7 +298,7 @@ class TooManyJobsError(StoreError):
     def __init__(self, kind: Resource, most: int) -> None:
         super().__init__(
             f"{most:,} {kind.collection} are queued or running, which is the maximum",
-            "try again when some have finished, or cancel some",
+            "try again when some jobs have finished, or cancel some jobs",
         )
 
 
@@ -317,7 +317,7 @@ class WrongKeysError(KeyRefusedError):
 
 
 class RoleError(StoreError):
-    """The role of a key does not allow what it asks for."""
+    """The role of a key does not allow the request."""
 
 
 class IdempotencyConflictError(StoreError):
@@ -360,7 +360,7 @@ _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType
         RequestError: (422, "invalid-request", "The request cannot be carried out"),
         RobotError: (422, "invalid-robot", "The robot's description cannot be used"),
         MeasurementError: (422, "invalid-measurement-set", "The measurement set cannot be used"),
-        NotObservableError: (422, "not-observable", "The readings determine no joint"),
+        NotObservableError: (422, "not-observable", "The readings cannot determine any joint"),
         SolverError: (500, "solver", "The optimum could not be certified"),
         IdempotencyConflictError: (
             422,
@@ -388,12 +388,12 @@ _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType
 _REMEDIES: Final[Mapping[str, str]] = MappingProxyType(
     {
         "missing": "add this field",
-        "extra_forbidden": "remove it, or check its spelling",
+        "extra_forbidden": "remove this field, or check its spelling",
         "finite_number": "give a finite number",
         "json_invalid": "send valid JSON with finite numbers and at most 200 levels",
-        "union_tag_invalid": "use one of the formats named",
-        "too_long": "send fewer, or split them into several resources",
-        "literal_error": "use one of the words named, as they are written",
+        "union_tag_invalid": "use one of these formats",
+        "too_long": "send fewer items, or split them into several resources",
+        "literal_error": "use one of these words exactly as written",
         "bool_type": "give true or false, without quotes",
         "float_type": "give a number, without quotes",
         "timezone_aware": "add the time zone, such as 2026-11-20T14:30:00+01:00",
@@ -433,7 +433,7 @@ _WORDING: Final = tuple(
 
 
 def problem_of(error: JointstiffError | StoreError) -> Problem:
-    """Problem details of one of the project's errors."""
+    """Return the problem details of one of the project's errors, by the table `_KINDS`."""
     internal = (500, "internal", "Internal error")
     status, slug, title = next((_KINDS[each] for each in type(error).__mro__ if each in _KINDS), internal)
     items = error.items if isinstance(error, ItemsError) else ()
@@ -457,11 +457,11 @@ def problem_of(error: JointstiffError | StoreError) -> Problem:
 def place_in(section: str, where: str | None) -> str | None:
     """Return the place of an error in a document of several sections, such as a campaign.
 
-    Observations are in the measurement set, whatever work refuses them.
+    A place in observations is one in the measurement set, whatever section was refused.
 
     Args:
-        section: whose work refuses; empty for a document of one section.
-        where: place in what that work was given.
+        section: section that was refused; empty for a document of one section.
+        where: place within that section; None if it is not known.
     """
     in_set = re.match(r"observations\b", where or "") is not None
     if section and where == "measurement_set_id":
@@ -472,7 +472,7 @@ def place_in(section: str, where: str | None) -> str | None:
 
 
 def http_problem(status: int, detail: str, remedy: str | None = None) -> Problem:
-    """Problem details of a plain HTTP status."""
+    """Return problem details whose type and title are those of an HTTP status."""
     phrase = HTTPStatus(status).phrase
     return Problem(
         type=_urn(phrase.lower().replace(" ", "-")),
@@ -484,7 +484,7 @@ def http_problem(status: int, detail: str, remedy: str | None = None) -> Problem
 
 
 def invalid_request(errors: Sequence[Mapping[str, Any]], parameters: Sequence[str] = ()) -> Problem:
-    """Problem details of pydantic's errors: the first faults, short, without what was sent.
+    """Return problem details of pydantic's errors: the first faults, shortened, without the values sent.
 
     Args:
         errors: as pydantic lists them.
@@ -515,13 +515,14 @@ def invalid_request(errors: Sequence[Mapping[str, Any]], parameters: Sequence[st
 
 
 def _general_remedy(error: Mapping[str, Any]) -> str:
-    """The remedy where the kind of fault has none of its own."""
+    """Return the remedy for a fault whose type has no remedy in `_REMEDIES`."""
     if error["loc"] and error["loc"][0] in _OUTSIDE:
         return "see this address in /openapi.json"
     return "correct the field as the reason says" if error["type"] == "value_error" else _COMPARE
 
 
 def _remedy(error: Mapping[str, Any]) -> str | None:
+    """Return the remedy for a fault of pydantic by its type; None if the type has none."""
     if error["type"] in {"too_long", "too_short"} and str(error["msg"]).startswith("Tuple"):
         return "give one number per component, with decimal points, not commas"
     return _REMEDIES.get(str(error["type"]))
@@ -532,13 +533,14 @@ def _urn(slug: str) -> str:
 
 
 def _fit_into_body(problem: Problem) -> Problem:
-    """Drop the last faults until the body is short enough."""
+    """Return a problem without its last faults, so many that its JSON has at most `MAX_PROBLEM_BYTES`."""
     while len(problem.model_dump_json().encode()) > MAX_PROBLEM_BYTES and len(problem.errors) > 1:
         problem = problem.model_copy(update={"errors": problem.errors[:-1]})
     return problem
 
 
 def _shorten(text: str, longest: int = _LONGEST) -> str:
+    """Cut a text to a number of characters; replace characters that cannot be printed."""
     printable = "".join(c if c.isprintable() else "�" for c in text[: longest + 1])
     return printable if len(printable) <= longest else printable[:longest] + "…"
 
@@ -570,7 +572,7 @@ def reworded(error: Mapping[str, Any], parameters: Sequence[str] = ()) -> str:
             message = match.expand(wording)
             break
     name = str(error["loc"][-1]) if error["type"] == "extra_forbidden" and error["loc"] else ""
-    known = parameters if error["loc"][:1] == ("query",) else _fields()  # of all messages
+    known = parameters if error["loc"][:1] == ("query",) else _known_fields()
     if not name or len(name) > _LONGEST_NAME or name in known:
         return message
     nearest = get_close_matches(name, known, n=1, cutoff=0.75)
@@ -578,7 +580,8 @@ def reworded(error: Mapping[str, Any], parameters: Sequence[str] = ()) -> str:
 
 
 @cache
-def _fields() -> tuple[str, ...]:
+def _known_fields() -> tuple[str, ...]:
+    """Return the names of the fields of all messages, sorted."""
     names: set[str] = set()
     waiting: list[type[Message]] = [Message]
     while waiting:
@@ -595,7 +598,7 @@ class ProblemError(Exception):
         place = f"{problem.where}: " if problem.where and problem.where not in problem.detail else ""
         remedy = f"; remedy: {problem.remedy}" if problem.remedy else ""
         super().__init__(f"{place}{problem.detail}{remedy}")
-        self.problem = problem  #: as the API would answer it
+        self.problem = problem  #: the problem details, as the API would answer them
 
 
 class CampaignError(ProblemError):
@@ -612,7 +615,7 @@ class AwayError(RefusedError):
 
 @contextmanager
 def as_campaign_error(section: str) -> Iterator[None]:
-    """Turn errors of the input into one that says in which section of the file."""
+    """Turn errors of the block into a `CampaignError` whose place begins with a section of the file."""
     try:
         yield
     except JointstiffError as error:

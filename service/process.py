@@ -50,7 +50,7 @@ def collect_rarely() -> None:
 
 
 def use_one_thread() -> None:
-    """Limit this process and those that it starts; call it before numpy is imported."""
+    """Limit linear algebra of this process and its children to one thread; call before numpy is imported."""
     os.environ.update(ONE_THREAD)
 
 
@@ -59,17 +59,17 @@ class _Limit:
 
     def __init__(self) -> None:
         self._lock, self._inside = Lock(), 0
-        self._limiter: Any = None  # restores the threads of before
+        self._limiter: Any = None  # restores the numbers of threads before the limit
 
     def enter(self) -> None:
-        """Limit the libraries, unless another computation has done so."""
+        """Limit the libraries to one thread, unless another computation has done so."""
         with self._lock:
             if not self._inside:
-                self._limiter = _libraries().limit(limits=1)
+                self._limiter = _blas_controller().limit(limits=1)
             self._inside += 1
 
     def leave(self) -> None:
-        """Restore the threads, unless another computation goes on."""
+        """Restore the number of threads, unless another computation goes on."""
         with self._lock:
             self._inside -= 1
             if not self._inside:
@@ -80,8 +80,8 @@ _LIMIT: Final = _Limit()
 
 
 @cache
-def _libraries() -> ThreadpoolController:
-    """Return what sets the threads of linear algebra, made once: it looks through all loaded libraries."""
+def _blas_controller() -> ThreadpoolController:
+    """Return the controller of the threads of BLAS; cached, as it searches all loaded libraries when made."""
     import scipy.linalg  # noqa: F401 - loads the second library; numpy's is the first
     from threadpoolctl import ThreadpoolController
 
@@ -103,8 +103,11 @@ def one_thread() -> Iterator[None]:
 
 
 def give_memory_back() -> None:
-    """Let this process, whose C library has read its environment, give memory back as the others do."""
-    with suppress(OSError, AttributeError, TypeError):  # another C library
+    """Let glibc return large freed blocks of memory to the system.
+
+    For a running process, which has read the settings in `ONE_THREAD` too early or not at all.
+    """
+    with suppress(OSError, AttributeError, TypeError):  # the C library is not glibc
         for setting in _SETTINGS.values():
             ctypes.CDLL(None).mallopt(*setting)
 
@@ -123,7 +126,7 @@ _DISTRIBUTIONS: Final = MappingProxyType(
 
 @cache
 def versions() -> MappingProxyType[str, str]:
-    """Name to version of this software and of what it computes with, for the provenance of a run."""
+    """Return name → version of this software, its numerical libraries and Python, for provenance."""
     from importlib.metadata import version  # takes a while, and few commands need it
 
     numbers = {name: version(distribution) for name, distribution in _DISTRIBUTIONS.items()}
@@ -157,10 +160,10 @@ class LogFormat(StrEnum):
 
 
 class JsonFormatter(logging.Formatter):
-    """One JSON object a line: time, level, logger, message, and what belongs to a request."""
+    """Format of a log with one JSON object a line: time, level, logger, message, and fields of a request."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Return a record as a line."""
+        """Return a log record as one line of JSON."""
         line: dict[str, object] = {
             "time": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
             "level": record.levelname.lower(),
@@ -177,7 +180,7 @@ class JsonFormatter(logging.Formatter):
 
 
 def set_log_format(log_format: LogFormat) -> None:
-    """Let this process, and those that it starts, log in a format to standard error."""
+    """Set the format in which this process, and processes that it starts, log to standard error."""
     os.environ[FORMAT_VARIABLE] = log_format
     if log_format is LogFormat.TEXT:
         return

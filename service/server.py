@@ -69,7 +69,7 @@ class ServerError(ServiceError):
 
 
 def run_server(settings: Settings, then: Callable[[str], object] | None = None) -> None:
-    """Serve until interrupted; `then` is called in a thread with the address once requests are taken.
+    """Serve until interrupted; `then` is called with the address, in a thread, once the socket listens.
 
     Raises:
         StoreError: the database cannot be used.
@@ -81,9 +81,9 @@ def run_server(settings: Settings, then: Callable[[str], object] | None = None) 
     set_log_format(settings.log_format)
     give_memory_back()
     _raise_descriptors()
-    posture = _posture(settings)
+    posture = _choose_posture(settings)
     laboratory = LaboratorySettings() if settings.laboratory is None else read_laboratory(settings.laboratory)
-    # Until uvicorn handles it; as the first process of a container we would not hear it otherwise.
+    # Until uvicorn handles the signal: the first process of a container ignores it by default.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     with ExitStack() as stack:
         listeners = [stack.enter_context(listen(host, settings.port, "--port or --host"))]
@@ -94,12 +94,12 @@ def run_server(settings: Settings, then: Callable[[str], object] | None = None) 
             listeners.append(stack.enter_context(shown))
         refuse_in_memory(database)
         store = stack.enter_context(Store.open(database, quota))
-        keyring = _keyring(store, posture, settings)
+        keyring = _open_keyring(store, posture, settings)
         queue = stack.enter_context(closing(Queue(store, database)))
-        # Messages tell the workers of one store from those of another.
-        mark = hashlib.sha256(_url_without_password(database).encode()).hexdigest()[:8]
-        prefix = f"{socket.gethostname()}-{port}-{mark}"
-        supervisor = stack.enter_context(Supervisor(database, workers, prefix, forgetting(store)))
+        # Names of workers contain a hash of the database: messages distinguish workers of several stores.
+        store_hash = hashlib.sha256(_url_without_password(database).encode()).hexdigest()[:8]
+        prefix = f"{socket.gethostname()}-{port}-{store_hash}"
+        supervisor = stack.enter_context(Supervisor(database, workers, prefix, make_forget_worker(store)))
         address = f"http://{host}:{port}"
         console().print(
             f"Jointstiff {jointstiff_version()} at {address}, API description at {address}/openapi.json\n"
@@ -113,27 +113,28 @@ def run_server(settings: Settings, then: Callable[[str], object] | None = None) 
         app.state.answer_elsewhere = stack.enter_context(closing(LimitedChild(database, quota))).answer
         app.state.failing_workers = lambda: supervisor.failing
         ports = [listener.getsockname()[1] for listener in listeners]
-        answering = app.state.metrics.together_with(app, ports[1]) if ports[1:] else app
+        answering = app.state.metrics.serve_on_port(app, ports[1]) if ports[1:] else app
         config = _configuration(answering, settings.log_format)
         sys.setswitchinterval(_TURN_SECONDS)
         gc.set_threshold(*_COLLECT_AFTER)
         gc.freeze()  # libraries stay to the end; no collection need look through them
         server = uvicorn.Server(config)
         app.state.is_closing = lambda: server.should_exit
-        app.state.metrics.gauges = lambda: _state(app, server)
+        app.state.metrics.gauges = lambda: _gauge_values(app, server)
         if then is not None:  # the socket listens already; requests wait for the server
             threading.Thread(target=then, args=(address,), daemon=True).start()
         server.run(sockets=listeners)
 
 
 def _raise_descriptors() -> None:
-    """Allow this process as many open files and connections as the system does."""
+    """Raise the limit of open files and connections of this process as far as the system allows."""
     _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     most = _MOST_DESCRIPTORS if hard == resource.RLIM_INFINITY else min(hard, _MOST_DESCRIPTORS)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
 def _configuration(app: ASGIApp, log_format: LogFormat) -> uvicorn.Config:
+    """Return the configuration of uvicorn."""
     return uvicorn.Config(
         app,
         log_level="warning",
@@ -150,8 +151,8 @@ def _configuration(app: ASGIApp, log_format: LogFormat) -> uvicorn.Config:
     )
 
 
-def _state(app: FastAPI, server: uvicorn.Server) -> dict[str, float]:
-    """Return the state of the service as its last look saw it, as far as it is known."""
+def _gauge_values(app: FastAPI, server: uvicorn.Server) -> dict[str, float]:
+    """Return the values of the gauges in the metrics by name, as the last check of the store found them."""
     seen = app.state.watch.seen
     state: dict[str, float] = {
         "database_up": seen is not None and seen.error is None,
@@ -169,8 +170,11 @@ def _state(app: FastAPI, server: uvicorn.Server) -> dict[str, float]:
     return state
 
 
-def forgetting(store: Store) -> Callable[[str], None]:
-    """Return what takes a worker from the living; a database that is away finds out by its silence."""
+def make_forget_worker(store: Store) -> Callable[[str], None]:
+    """Return a function that removes the heartbeat of a worker that ended, given its name.
+
+    While the database does not answer it does nothing: the worker counts as dead after a time of silence.
+    """
 
     def forget(worker: str) -> None:
         with suppress(StoreError):
@@ -180,14 +184,19 @@ def forgetting(store: Store) -> Callable[[str], None]:
 
 
 def _url_without_password(database: str) -> str:
-    """The URL without its password, a file with its whole path."""
+    """Return the URL of a database without its password, and with the absolute path of an SQLite file."""
     url = make_url(database)
     if url.get_backend_name() == "sqlite" and url.database:
         url = url.set(database=str(Path(url.database).absolute()))
     return url.difference_update_query(["password", "sslpassword"]).render_as_string(hide_password=True)
 
 
-def _posture(settings: Settings) -> Posture:
+def _choose_posture(settings: Settings) -> Posture:
+    """Return which callers the service answers, by its settings.
+
+    Raises:
+        ServerError: other machines could reach the service without keys, and no option allows it.
+    """
     try:
         return Posture.of(
             settings.host,
@@ -204,8 +213,13 @@ def _posture(settings: Settings) -> Posture:
         ) from error
 
 
-def _keyring(store: Store, posture: Posture, settings: Settings) -> Keyring:
-    """Return the keys that open the service."""
+def _open_keyring(store: Store, posture: Posture, settings: Settings) -> Keyring:
+    """Return the keys that open the service.
+
+    Raises:
+        KeysFileError: the file of keys cannot be used.
+        ServerError: keys are required, and none is valid.
+    """
     keyring = Keyring(store, settings.keys_file)
     if posture.access != "keys":
         return keyring
@@ -213,7 +227,7 @@ def _keyring(store: Store, posture: Posture, settings: Settings) -> Keyring:
     keyring.look()
     if not (settings.await_key or keyring.has_keys()):
         raise ServerError(
-            "will not start: it requires keys, and no key is valid",
+            "the service will not start: it requires keys, and it has no valid key",
             'make one: jointstiff keys create "tablet hall 3" --role operator --database '
             f"{_url_without_password(settings.database)} (or --keys-file FILE); or listen on 127.0.0.1 "
             "without --require-key; or put an authenticating proxy in front and add --no-access-control and "
@@ -223,7 +237,7 @@ def _keyring(store: Store, posture: Posture, settings: Settings) -> Keyring:
 
 
 def listen(host: str, port: int, options: str) -> socket.socket:
-    """Return a listening socket; the options of the command name its address.
+    """Return a socket that listens on an address; the message of an error names the options that set it.
 
     Raises:
         ServerError: the address cannot be used.
@@ -236,6 +250,6 @@ def listen(host: str, port: int, options: str) -> socket.socket:
             f"cannot listen on {host}:{port}: {os.strerror(error.errno) if error.errno else error}",
             f"choose another {options}, or stop the program that uses it",
         ) from error
-    # asyncio sets it only on sockets of explicit protocol; without it answers wait 40 ms for an ACK.
+    # asyncio sets this only on sockets with an explicit protocol; without it answers wait 40 ms for an ACK.
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return listener

@@ -15,9 +15,10 @@ Support: TypeAlias = npt.NDArray[np.int8]
 
 
 def in_one_sense(axes: FloatArray) -> FloatArray:
-    """Return axes (..., 3), whose signs are anything, with the first large component positive.
+    """Return axes (..., 3) with their signs chosen such that the first large component is positive.
 
-    An eigenvector's sign is a matter of rounding; half of the greatest component is large.
+    The sign of an eigenvector depends on rounding alone. A component is large if its absolute value exceeds
+    half of the greatest of the axis.
     """
     size = np.abs(axes)
     first = np.argmax(size > 0.5 * size.max(axis=-1, keepdims=True), axis=-1)[..., None]
@@ -25,13 +26,16 @@ def in_one_sense(axes: FloatArray) -> FloatArray:
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return products a × b of vectors (3, ...), components first: of single ones `np.cross` takes 15 µs."""
+    """Return the cross products a × b (3, ...) of vectors (3, ...), components along the first axis.
+
+    For a single pair of vectors this is faster than `np.cross`, which takes 15 µs.
+    """
     (ax, ay, az), (bx, by, bz) = a, b
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def greatest_eigenvalue(matrices: FloatArray) -> FloatArray:
-    """Return the greatest eigenvalue (...) of symmetric matrices (3, 3, ...), entries first, in closed form.
+    """Compute the greatest eigenvalue (...) of symmetric matrices (3, 3, ...) in closed form.
 
     ``λ = q + 2 r cos(arccos(det(B)/2)/3)`` with q = tr(A)/3, 6 r² = ‖A − q I‖² and B = (A − q I)/r
     (Smith, *Eigenvalues of a symmetric 3 × 3 matrix*, 1961).

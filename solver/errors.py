@@ -26,15 +26,17 @@ class JointstiffError(Exception):
         self.where = where
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Survive the way from another process with all attributes: pickle forgets keyword arguments."""
-        return _remade, (type(self), self.args), vars(self)
+        """Let pickle know how to restore all attributes of the error: it forgets keyword arguments."""
+        return _rebuild_error, (type(self), self.args), vars(self)
 
     def __str__(self) -> str:
+        """Return the place in the input, the reason and the remedy as one sentence."""
         place = f"{self.where}: " if self.where else ""
         return f"{place}{self.reason}; {self.remedy}"
 
 
-def _remade(kind: type[JointstiffError], arguments: tuple[object, ...]) -> JointstiffError:
+def _rebuild_error(kind: type[JointstiffError], arguments: tuple[object, ...]) -> JointstiffError:
+    """Create an error without its constructor; pickle then fills in the attributes."""
     return kind.__new__(kind, *arguments)
 
 

@@ -17,39 +17,49 @@ Built = TypeVar("Built", bound=Message)
 
 
 def rows(kind: type[Built], /, **columns: Sequence[Any] | np.ndarray[Any, Any]) -> list[Built]:
-    """Build one message for each row of columns of equal length, named by their fields."""
+    """Build one message of a kind for each row of a table.
+
+    Args:
+        kind: class of the messages.
+        columns: values of each field, by its name; all columns have the same length.
+    """
     return validated(kind, table(**columns))
 
 
 def table(**columns: Sequence[Any] | np.ndarray[Any, Any]) -> list[dict[str, Any]]:
-    """Return the fields of such messages: arrays become lists; what is not finite becomes null."""
-    values = zip(*map(_column, columns.values()), strict=True)
+    """Return one dictionary of field names and values for each row of columns of equal length.
+
+    Arrays become lists, and numbers that are not finite become None.
+    """
+    values = zip(*map(_to_json_list, columns.values()), strict=True)
     return [dict(zip(columns, row, strict=True)) for row in values]
 
 
 def finite(value: float | None) -> float | None:
-    """Return a number as messages take it; None where it is not finite."""
+    """Return a number as a plain float; None where the number is missing or not finite."""
     return None if value is None or not isfinite(value) else float(value)
 
 
 def to_rigid(transform: pin.SE3) -> Rigid:
-    """Return a transform as messages take it."""
+    """Convert a rigid transform of pinocchio to a message: rotation matrix, and translation [m]."""
     return Rigid(rotation=transform.rotation.tolist(), translation=point(transform.translation))
 
 
 def point(vector: np.ndarray[Any, Any]) -> tuple[float, float, float]:
-    """Return three components as messages take them."""
+    """Return the three components of a vector (3,) as plain floats."""
     x, y, z = vector.tolist()
     return x, y, z
 
 
-def _column(values: Sequence[Any] | np.ndarray[Any, Any]) -> list[Any]:
+def _to_json_list(values: Sequence[Any] | np.ndarray[Any, Any]) -> list[Any]:
+    """Return the values of a column as plain Python values; None for numbers that are not finite."""
     if isinstance(values, np.ndarray) and (values.dtype.kind != "f" or np.isfinite(values).all()):
         return list(values.tolist())
-    return [_plain(value) for value in values]
+    return [_to_json_value(value) for value in values]
 
 
-def _plain(value: object) -> object:
+def _to_json_value(value: object) -> object:
+    """Convert a value to plain Python numbers, strings and lists; None where a number is not finite."""
     if value is None or isinstance(value, str | int | dict | Message):
         return value
     if isinstance(value, float):
@@ -59,11 +69,14 @@ def _plain(value: object) -> object:
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, tuple | list) and not hasattr(value, "_fields"):
-        return [_plain(item) for item in value]
+        return [_to_json_value(item) for item in value]
     raise TypeError(f"{type(value).__name__} is no part of a message")
 
 
 def stated_kinds(names: Iterable[str], kinds: Iterable[JointKind]) -> dict[str, JointKind]:
-    """Return the kinds of joints by name, as results state them: none where all turn."""
+    """Return the kind of each joint by its name; an empty dictionary where all joints are revolute.
+
+    Results leave the kinds out in that case.
+    """
     by_name = dict(zip(names, kinds, strict=True))
     return by_name if "prismatic" in by_name.values() else {}

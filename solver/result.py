@@ -31,7 +31,7 @@ from jointstiff.solver.links.competition import Competition, Elastic, Winner
 from jointstiff.solver.links.fit import with_links
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.messages import finite, rows, stated_kinds
-from jointstiff.solver.predict.answers import stored_model
+from jointstiff.solver.predict.answers import build_stored_model
 from jointstiff.solver.predict.models import (
     ElasticPredictor,
     JointModel,
@@ -42,19 +42,19 @@ from jointstiff.solver.predict.models import (
 from jointstiff.solver.text import length_text
 
 MAX_SUSPICIOUS: Final = 100
-"""Readings that are listed; all are counted."""
+"""Greatest number of suspicious readings that a result lists; it counts all of them."""
 _OUTLYING: Final = frozenset({"residual_outlier", "deflection_unexplained"})
-"""Reasons that remain where links do not explain what joints alone did not."""
+"""Codes of reasons which show that elastic links leave readings unexplained, too."""
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """A model that was found: compliances with their intervals, and the evidence."""
+class RunOutcome:
+    """Outcome of an identification: the model, compliances with their intervals, and the evidence."""
 
-    estimate: Estimate  #: of the joints, or effective where links bend
-    prediction: Prediction  #: of the same readings, as the evidence supports it
+    estimate: Estimate  #: compliances of the joints; effective ones where links bend
+    prediction: Prediction  #: prediction of the same readings, as far as the evidence supports it
     assessment: Assessment
-    warnings: tuple[Finding, ...]  #: of the set, then of the fit
+    warnings: tuple[Finding, ...]  #: warnings about the set, then about the fit
     model: IdentifiedModel
     choice: ModelChoice
     screening: Screening
@@ -62,13 +62,13 @@ class Found:
     links: LinksResult | None = None  #: None of joints alone
 
 
-def joints_alone(joints: JointsAlone, screening: Screening, choice: ModelChoice) -> Found:
-    """Report joints alone: where they do not fit, held-out postures widen the intervals.
+def report_joints_alone(joints: JointsAlone, screening: Screening, choice: ModelChoice) -> RunOutcome:
+    """Report a model in which only joints bend; the model error widens its intervals where it does not fit.
 
     Args:
-        joints: identified alone.
-        screening: of what they leave unexplained, with the gain of held-out postures if models were compared.
-        choice: why nothing else bends.
+        joints: fit of the joints alone.
+        screening: tests of the residuals, with the gain on held-out postures if models were compared.
+        choice: why only joints are taken to bend.
 
     Raises:
         JointstiffError: as `JointsAlone.estimate` does.
@@ -84,7 +84,7 @@ def joints_alone(joints: JointsAlone, screening: Screening, choice: ModelChoice)
     try:
         error = leave_postures_out(robot, measurements, settings, estimate, model)
         left_out = error.left_out
-    except JointstiffError as none:  # the run is valid without it, and predictions say why
+    except JointstiffError as none:  # the run is valid without a model error; predictions state the reason
         error = none
     lacks = screening.lack_of_fit and joints.are_sound
     budget = UncertaintyBudget.of(estimate, settings.confidence, left_out, lack_of_fit=lacks)
@@ -94,22 +94,30 @@ def joints_alone(joints: JointsAlone, screening: Screening, choice: ModelChoice)
         robot, measurements, estimate.compliance, balanced=estimate.balanced, estimated=estimate.estimated
     )
     assessment = assess(joints, estimate, prediction, screening)
-    return Found(
+    return RunOutcome(
         estimate,
         assessment.supported(prediction),
         assessment,
         (*joints.noticed, *assessment.remarks),
-        stored_model(model, error),
+        build_stored_model(model, error),
         choice,
         screening,
         budget,
     )
 
 
-def beyond_joints(
+def report_elastic_model(
     joints: JointsAlone, competition: Competition, winner: Winner, elastic: Elastic, screening: Screening
-) -> Found:
-    """Report a model with more than joints, the winner of a competition, fitted to the whole set."""
+) -> RunOutcome:
+    """Report the elastic model that won the competition with joints alone, fitted to the whole set.
+
+    Args:
+        joints: fit of the joints alone.
+        competition: comparison of the models.
+        winner: best model on held-out postures.
+        elastic: fit of that model to all readings.
+        screening: tests of the residuals of joints alone.
+    """
     robot, measurements, fitted = joints.robot, joints.measurements, elastic.estimate
     estimate = with_links(joints.estimate, fitted, elastic.effective)
     assessment = assess(joints, estimate, fitted.prediction, screening)
@@ -123,15 +131,15 @@ def beyond_joints(
     error: ModelError | JointstiffError
     try:
         error = leave_folds_out(robot, measurements, fitted)
-    except JointstiffError as none:  # the run is valid without it, and predictions say why
+    except JointstiffError as none:  # the run is valid without a model error; predictions state the reason
         error = none
-    return Found(
+    return RunOutcome(
         estimate,
         fitted.prediction,
         assessment,
         tuple(warnings),
-        stored_model(ElasticPredictor.of(robot, fitted), error),
-        choice_by_comparison(winner, screening),
+        build_stored_model(ElasticPredictor.of(robot, fitted), error),
+        describe_choice_by_comparison(winner, screening),
         screening,
         links=LinksResult(
             loss_source="cross_validation" if competition.loss_is_compared else "given",
@@ -149,13 +157,13 @@ def beyond_joints(
     )
 
 
-def choice_of_joints(options: RunOptions, screening: Screening, excluded: str | None) -> ModelChoice:
-    """Return the choice of joints alone without a comparison, with its reason.
+def describe_choice_of_joints(options: RunOptions, screening: Screening, excluded: str | None) -> ModelChoice:
+    """Explain in a message why only joints are taken to bend, where no models were compared.
 
     Args:
-        options: of the run.
-        screening: of what joints alone leave unexplained.
-        excluded: option that keeps an automatic choice to joints alone; None where none does.
+        options: options of the run.
+        screening: tests of the residuals of joints alone.
+        excluded: option that rules out elastic links; None where no option does.
     """
     loss: Loss = "huber" if options.loss == "huber" else "squared"
     p = f"F test of links added to the joints: p = {screening.links_p_value:.1g}"
@@ -176,8 +184,8 @@ def choice_of_joints(options: RunOptions, screening: Screening, excluded: str | 
     )
 
 
-def choice_by_comparison(winner: Winner, screening: Screening) -> ModelChoice:
-    """Return the choice among models that were compared on held-out postures."""
+def describe_choice_by_comparison(winner: Winner, screening: Screening) -> ModelChoice:
+    """Explain in a message which model was chosen on held-out postures, with the scores of all models."""
     selection, chosen, elastic = winner.selection, winner.held_out, winner.elastic
     intervals = None if elastic is None else elastic.intervals
     name, gain = chosen.model.replace("_", " ").capitalize(), selection.gain
@@ -225,13 +233,20 @@ def choice_by_comparison(winner: Winner, screening: Screening) -> ModelChoice:
     )
 
 
-def run_result(
-    found: Found,
+def build_run_result(
+    found: RunOutcome,
     measurements: Measurements,
     advice: Sequence[runs.Advice] = (),
     resampling: runs.ResamplingResult | None = None,
 ) -> RunResult:
-    """Return the numbers of a run, with residuals by observation and target, and advice."""
+    """Build the result of a run as a message.
+
+    Args:
+        found: outcome of the identification.
+        measurements: readings of the run.
+        advice: readings that would help most.
+        resampling: statistics of resampled fits; None without resampling.
+    """
     estimate, prediction, assessment = found.estimate, found.prediction, found.assessment
     names, kinds = [joint.name for joint in estimate.joints], [joint.kind for joint in estimate.joints]
     contributions: list[runs.Contribution] = []
@@ -241,33 +256,38 @@ def run_result(
     return RunResult(
         assessment=stated_assessment(assessment, estimate.joints),
         joint_kinds=stated_kinds(names, kinds),
-        joints=list(joint_results(assessment, estimate.joints)),
+        joints=list(build_joint_results(assessment, estimate.joints)),
         compensation=prediction.compensation,
         rms_residual=prediction.rms_residual,
         sigma=estimate.sigma,
-        goodness=_goodness(estimate),
-        identifiability=_identifiability(estimate, advice),
+        goodness=_build_goodness(estimate),
+        identifiability=_build_identifiability(estimate, advice),
         certificate=estimate.certificate,
         characteristic_length=estimate.characteristic_length,
-        complementary_stiffness=_complementary_stiffness(estimate.complementary_stiffness),
+        complementary_stiffness=_build_complementary_stiffness(estimate.complementary_stiffness),
         huber_threshold=None if robust is None else robust.threshold,
-        suspicious=suspicious_readings(estimate, measurements),
+        suspicious=list_suspicious_readings(estimate, measurements),
         suspicious_count=0 if robust is None else len(robust.suspicious),
         resampling=resampling,
         links=found.links,
         choice=found.choice,
         causes=list(found.screening.tests),
-        residuals=_residuals(prediction, measurements),
+        residuals=_build_residuals(prediction, measurements),
         contributions=contributions,
-        encoder_residuals=_encoder_residuals(prediction, measurements, names),
+        encoder_residuals=_build_encoder_residuals(prediction, measurements, names),
         model=found.model,
-        budget=stated_budget(found.budget, names, assessment.reasons),
+        budget=build_budget_message(found.budget, names, assessment.reasons),
         warnings=list(found.warnings),
     )
 
 
-def joint_results(assessment: Assessment, joints: Sequence[JointCompliance]) -> Iterator[runs.JointResult]:
-    """Yield the result of each joint, without the lower limit that a model that is refuted does not give."""
+def build_joint_results(
+    assessment: Assessment, joints: Sequence[JointCompliance]
+) -> Iterator[runs.JointResult]:
+    """Yield the result of each joint as a message.
+
+    If the assessment says not to use the result, the lower limit of the stiffness is taken out of the reason.
+    """
     for joint, verdict in zip(joints, assessment.joints, strict=True):
         reason = joint.reason
         if reason is not None and assessment.verdict == "do_not_use":
@@ -289,7 +309,7 @@ def joint_results(assessment: Assessment, joints: Sequence[JointCompliance]) -> 
 
 
 def stated_assessment(judgement: Assessment, joints: Sequence[JointCompliance]) -> StatedAssessment:
-    """Return verdict and reasons of an identification, and how many of its joints have a number."""
+    """Return an assessment as a message: verdict, reasons, and the number of identified joints."""
     return StatedAssessment(
         verdict=judgement.verdict,
         reasons=list(judgement.reasons),
@@ -299,7 +319,8 @@ def stated_assessment(judgement: Assessment, joints: Sequence[JointCompliance]) 
     )
 
 
-def _goodness(estimate: Estimate) -> runs.Goodness:
+def _build_goodness(estimate: Estimate) -> runs.Goodness:
+    """Return χ², its degrees of freedom and the test of sigma as a message."""
     test = estimate.sigma_test
     return runs.Goodness(
         chi_square=estimate.chi_square,
@@ -310,7 +331,8 @@ def _goodness(estimate: Estimate) -> runs.Goodness:
     )
 
 
-def _identifiability(estimate: Estimate, advice: Sequence[runs.Advice]) -> runs.Identifiability:
+def _build_identifiability(estimate: Estimate, advice: Sequence[runs.Advice]) -> runs.Identifiability:
+    """Return as a message how well the readings determine the parameters."""
     return runs.Identifiability(
         parameters=estimate.parameters,
         rank=estimate.rank,
@@ -330,7 +352,8 @@ def _identifiability(estimate: Estimate, advice: Sequence[runs.Advice]) -> runs.
     )
 
 
-def _complementary_stiffness(size: ComplementaryStiffness | None) -> runs.ComplementaryStiffness | None:
+def _build_complementary_stiffness(size: ComplementaryStiffness | None) -> runs.ComplementaryStiffness | None:
+    """Return the size of the complementary stiffness K_c as a message; None where it is unknown."""
     if size is None:
         return None
     return runs.ComplementaryStiffness(
@@ -341,7 +364,8 @@ def _complementary_stiffness(size: ComplementaryStiffness | None) -> runs.Comple
     )
 
 
-def _residuals(prediction: Prediction, measurements: Measurements) -> list[runs.Residual]:
+def _build_residuals(prediction: Prediction, measurements: Measurements) -> list[runs.Residual]:
+    """Return measured and predicted deflection of each reading as messages."""
     i, t = np.nonzero(measurements.present)
     return rows(
         runs.Residual,
@@ -353,9 +377,10 @@ def _residuals(prediction: Prediction, measurements: Measurements) -> list[runs.
     )
 
 
-def _encoder_residuals(
+def _build_encoder_residuals(
     prediction: Prediction, measurements: Measurements, names: Sequence[str]
 ) -> list[runs.EncoderResidual]:
+    """Return measured and predicted deflection of each encoder reading; an empty list without encoders."""
     encoders = measurements.encoders
     if encoders is None or prediction.encoders is None:
         return []
@@ -371,8 +396,11 @@ def _encoder_residuals(
     )
 
 
-def suspicious_readings(estimate: Estimate, measurements: Measurements) -> list[runs.SuspiciousReading]:
-    """Return the readings that the Huber loss suspects, worst first; none for the squared loss."""
+def list_suspicious_readings(estimate: Estimate, measurements: Measurements) -> list[runs.SuspiciousReading]:
+    """Return at most `MAX_SUSPICIOUS` readings that the Huber loss suspects, worst first.
+
+    The list is empty for the squared loss.
+    """
     robust = estimate.robust
     if robust is None:
         return []
@@ -395,13 +423,19 @@ _LACK_OF_FIT: Final = {
     "deflection_unexplained",
     "alternative_explains_better",
 }
-"""Reasons of an assessment for which the joints alone are not all that bends, or not as stated."""
+"""Codes of reasons which show that more than the joints bends, or that the model does not fit."""
 
 
-def stated_budget(
+def build_budget_message(
     budget: UncertaintyBudget | None, names: Sequence[str], reasons: Iterable[Finding]
 ) -> runs.Budget | None:
-    """Return the budget of the joints that have an estimate; None for none."""
+    """Return the uncertainty budget of the joints with an estimate as a message; None without a budget.
+
+    Args:
+        budget: contributions to the uncertainty of all joints.
+        names: names of all joints.
+        reasons: reasons of the assessment; some of them show a lack of fit, which the budget leaves out.
+    """
     if budget is None:
         return None
     shown, factor, spread = budget.joints, budget.coverage_factor, budget.spread

@@ -30,16 +30,16 @@ from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.own_weight.run import run_by_weight
 from jointstiff.solver.result import (
-    Found,
-    beyond_joints,
-    choice_by_comparison,
-    choice_of_joints,
-    joints_alone,
-    run_result,
+    RunOutcome,
+    build_run_result,
+    describe_choice_by_comparison,
+    describe_choice_of_joints,
+    report_elastic_model,
+    report_joints_alone,
 )
 
 Arrays: TypeAlias = Mapping[str, npt.NDArray[Any]]
-"""What a step computes, by name."""
+"""Arrays that one step of a long run computes, by name."""
 
 
 def run(
@@ -63,19 +63,26 @@ def run(
 
 
 class Identification:
-    """A run whose options go with its readings.
+    """A run of an identification, checked when created, then computed in steps and concluded.
 
     Attributes:
-        long: the part that takes long, whose steps any process may compute; None of a quick run.
+        long: the time-consuming part, whose steps may be computed by any process: resampling, or a
+            competition of models; None for a quick run.
     """
 
     def __init__(
         self, robot: Robot, measurements: Measurements, options: RunOptions, noticed: Sequence[Finding] = ()
     ) -> None:
-        """Check the request; an automatic choice of models identifies the joints here.
+        """Check the request, and identify the joints if the model is to be chosen automatically.
+
+        Args:
+            robot: n joints.
+            measurements: N observations.
+            options: how to identify.
+            noticed: findings of the integrity checks of these measurements.
 
         Raises:
-            RequestError: as `run`.
+            RequestError: the readings or the robot cannot support what is requested.
         """
         self._robot, self._measurements, self._options = robot, measurements, options
         self._noticed = tuple(noticed)
@@ -90,18 +97,19 @@ class Identification:
 
     @cached_property
     def _joints(self) -> JointsAlone:
+        """Model in which only joints bend, fitted to the readings."""
         return JointsAlone(self._robot, self._measurements, self._settings, self._noticed)
 
     @cached_property
     def _excluded(self) -> str | None:
-        """Option that keeps an automatic choice to joints alone, if one does."""
+        """Name of the option that rules out elastic links in an automatic choice; None if no option does."""
         if self._options.elasticity != "automatic":
             return None
         return excluded_option(self._options, self._settings, self._robot, self._measurements)
 
     @cached_property
     def _competition(self) -> Competition | None:
-        """The models that are compared with joints alone; None where only these are requested."""
+        """Competition of elastic models with joints alone; None where no comparison is wanted or useful."""
         options = self._options
         if options.elasticity == "joints":
             return None
@@ -110,7 +118,10 @@ class Identification:
         return Competition(self._joints, options)
 
     def _more_may_bend(self) -> bool:
-        """Mistakes come before models: a gross one in the readings leaves patterns as links do."""
+        """Return whether links or base seem to bend, and the readings hold no gross mistake.
+
+        A gross mistake in the readings leaves residuals that look like those of elastic links.
+        """
         try:
             screening = self._joints.screening
             speaks = screening.links_speak or screening.base_speaks
@@ -119,13 +130,14 @@ class Identification:
         return speaks and self._joints.are_sound
 
     def conclude(self, parts: Sequence[Arrays]) -> RunResult:
-        """Return the result.
+        """Return the result of the run.
 
         Args:
-            parts: what all steps of the long part computed, in order.
+            parts: arrays that the steps of the long part computed, in the order of the steps; empty for a
+                quick run.
 
         Raises:
-            JointstiffError: as `run`.
+            JointstiffError: there is no result, and why.
         """
         if self._options.weight is not None:
             return run_by_weight(self._robot, self._measurements, self._options, self._noticed)
@@ -133,18 +145,20 @@ class Identification:
             found = self._report_winner(self.long, self.long.winner(parts))
         else:
             screening = replace(self._joints.screening, comparable=self._excluded is None)
-            choice = choice_of_joints(self._options, screening, self._excluded)
-            found = joints_alone(self._joints, screening, choice)
-        # Behind a mistake what another reading would bring is not known, nor is it for more than joints.
+            choice = describe_choice_of_joints(self._options, screening, self._excluded)
+            found = report_joints_alone(self._joints, screening, choice)
+        # The gain of another reading is known only if the readings hold no mistake and only joints bend.
         usable = found.assessment.verdict != "do_not_use" and found.links is None
         advice = advise(self._robot, self._measurements, found.estimate) if usable else ()
         drawn = self.long.statistics(parts) if isinstance(self.long, Draws) else None
-        return run_result(found, self._measurements, advice, drawn)
+        return build_run_result(found, self._measurements, advice, drawn)
 
-    def _report_winner(self, competition: Competition, winner: Winner) -> Found:
-        """Report the model that won: joints alone by the loss that predicts better, or more than joints."""
+    def _report_winner(self, competition: Competition, winner: Winner) -> RunOutcome:
+        """Report the model that won the comparison: joints with the better loss, or an elastic model."""
         screening = replace(competition.screening, gain=winner.selection.gain)
         if winner.elastic is not None:
-            return beyond_joints(self._joints, competition, winner, winner.elastic, screening)
+            return report_elastic_model(self._joints, competition, winner, winner.elastic, screening)
         loss: Loss = "huber" if winner.held_out.loss == "huber" else "squared"
-        return joints_alone(self._joints.with_loss(loss), screening, choice_by_comparison(winner, screening))
+        return report_joints_alone(
+            self._joints.with_loss(loss), screening, describe_choice_by_comparison(winner, screening)
+        )

@@ -12,7 +12,10 @@ _RAISED: Final = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def figure(value: float, form: str = ".4g") -> str:
-    """Format a number: in full up to a million, beyond by a power of ten, no negative zero."""
+    """Format a number for people: in full between 0.0001 and a million, else with a power of ten.
+
+    Zero is never printed with a minus sign.
+    """
     text = format(value, form)
     if "e" in text and 1e-4 <= abs(value) < 1e6:
         text = f"{float(text):.10g}"
@@ -23,37 +26,43 @@ def figure(value: float, form: str = ".4g") -> str:
 
 
 def length_text(length: float) -> str:
-    """A length [m] for people, in the unit that suits it."""
+    """Format a length [m] for people, in m, mm, µm or nm, whichever suits the size."""
     for factor, unit in ((1.0, "m"), (1e3, "mm"), (1e6, "µm")):
-        if abs(length) * factor >= 0.9995:  # which is printed as 1
+        if abs(length) * factor >= 0.9995:  # 0.9995 is printed as 1
             return f"{figure(length * factor, '.3g')} {unit}"
     return f"{figure(length * 1e9, '.3g')} nm"
 
 
 def unknowns_text(unit: str, values: Sequence[float]) -> str:
-    """Return unknowns of a term for people: shifts [m], then turns [rad], or play [rad], forces, scales."""
+    """Format fitted unknowns for people.
+
+    Args:
+        unit: SI unit of the values; "m, rad" for three shifts and then three turns, "1" for relative scales.
+        values: the fitted unknowns in that unit.
+    """
     if unit == "m, rad":
         shift, turn = values[:3], values[3:]
-        return f"{unknowns_text('m', shift)} and ({_joined(1e6, turn)}) µrad"
+        return f"{unknowns_text('m', shift)} and ({_join_scaled(1e6, turn)}) µrad"
     if unit == "m":
         small = max(map(abs, values), default=0.0) < 1e-3
-        return f"({_joined(1e6, values)}) µm" if small else f"({_joined(1e3, values)}) mm"
+        return f"({_join_scaled(1e6, values)}) µm" if small else f"({_join_scaled(1e3, values)}) mm"
     factor, shown = {"rad": (60.0 * degrees(1.0), "arcmin"), "1": (1e2, "%")}.get(unit, (1.0, unit))
-    return f"({_joined(factor, values)}) {shown}"
+    return f"({_join_scaled(factor, values)}) {shown}"
 
 
-def _joined(factor: float, values: Sequence[float]) -> str:
+def _join_scaled(factor: float, values: Sequence[float]) -> str:
+    """Return values times a factor, separated by commas."""
     return ", ".join(f"{factor * value:.3g}" for value in values)
 
 
 def rounded_down(limit: float) -> float:
-    """Round a lower limit down to three digits."""
+    """Round a positive lower limit down to three significant digits."""
     step = 10.0 ** (floor(log10(limit)) - 2)
     return floor(limit / step) * step
 
 
 def posture_text(positions: Sequence[float], kinds: Sequence[JointKind], decimals: int = 0) -> str:
-    """Return the positions of joints [rad or m] as people read them: (10, -20)°, or (10°, 250 mm)."""
+    """Format the positions of joints [rad or m] for people: (10, -20)°, or (10°, 250 mm) with slides."""
     angles = [f"{degrees(value):.{decimals}f}" for value in positions]
     if "prismatic" not in kinds:
         return f"({', '.join(angles)})°"
@@ -65,8 +74,8 @@ def posture_text(positions: Sequence[float], kinds: Sequence[JointKind], decimal
 
 
 def stiffness_text(stiffness: float, kind: JointKind) -> str:
-    """Return a stiffness [SI] of a joint of a kind, in the unit that suits it."""
-    units, size = JOINT_UNITS[kind], float(f"{abs(stiffness):.3g}")  # as it is printed
+    """Format the stiffness of a joint [N·m/rad, or N/m of a slide] for people, with a suitable unit."""
+    units, size = JOINT_UNITS[kind], float(f"{abs(stiffness):.3g}")  # rounded as in the text
     plain = units.stiffness.replace(".", "·")
     if size >= 1e9:
         return f"{'∞' if isinf(size) else figure(stiffness, '.3g')} {plain}"

@@ -43,7 +43,7 @@ from benchmarks.services import (
 )
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
-from jointstiff.service.api.bodies import understood
+from jointstiff.service.api.bodies import parse_body
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.problems import invalid_request
@@ -104,7 +104,7 @@ def _bodies() -> Section:
 
 def _validated(body: bytes) -> None:
     try:
-        understood(MeasurementSetRequest, body)
+        parse_body(MeasurementSetRequest, body)
     except RequestValidationError as error:
         invalid_request(error.errors())
         raise

@@ -21,7 +21,7 @@ from benchmarks.campaigns import small_campaign
 from benchmarks.report import Figure, Section
 from benchmarks.services import PostgresqlServer, ServiceError, cpu, databases
 from jointstiff.schemas.run import Campaign, RunRequest
-from jointstiff.service.api.runs import _stored_robot, _stored_set
+from jointstiff.service.api.runs import _store_robot_once, _store_set_once
 from jointstiff.service.app import create_app
 from jointstiff.service.jobs import Parts
 from jointstiff.service.store.jobs import JOB
@@ -170,8 +170,8 @@ def _templates(store: Store) -> list[dict[str, str]]:
     parts, found = Parts(store), []
     for seed in range(_TEMPLATES):
         campaign = Campaign.model_validate_json(json.dumps(small_campaign(seed=seed).document))
-        robot_id = _stored_robot(parts, campaign.robot)
-        set_id = _stored_set(parts, campaign.measurement_set, robot_id)
+        robot_id = _store_robot_once(parts, campaign.robot)
+        set_id = _store_set_once(parts, campaign.measurement_set, robot_id)
         made = parts.jobs["run"].create(RunRequest(measurement_set_id=set_id), None)
         if made.trend is None:
             raise ServiceError("a run of the benchmark has no result")

@@ -21,12 +21,12 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.links.choice import (
     WEIGHTS,
     Folds,
-    chosen_weight,
+    choose_weight_index,
     fit_folds,
-    refined,
+    refine_path,
     select_model,
 )
-from jointstiff.solver.links.fit import ElasticEstimate, first_certified
+from jointstiff.solver.links.fit import ElasticEstimate, fit_first_certified
 from jointstiff.solver.links.model import (
     LOSSES,
     MODELS,
@@ -129,13 +129,13 @@ def _best_loss(
     for loss in losses:
         model = ElasticModel(name, COLUMNS, loss)
         path = fit_folds(folds, model, WEIGHTS)
-        chosen.append((float(path.errors[:, chosen_weight(path.errors, "best")].mean()), path, model))
+        chosen.append((float(path.errors[:, choose_weight_index(path.errors, "best")].mean()), path, model))
     _, path, model = min(chosen, key=lambda each: each[0])
     if name == "joints":
         form = folds.formulation(model)
         return form.compliances(form.joints_only()), None
-    path = refined(folds, model, path)
-    elastic = first_certified(folds, model, path.weights[chosen_weight(path.errors, "best") :])
+    path = refine_path(folds, model, path)
+    elastic = fit_first_certified(folds, model, path.weights[choose_weight_index(path.errors, "best") :])
     return elastic.entries, elastic
 
 

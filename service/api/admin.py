@@ -26,11 +26,12 @@ KeyId = Annotated[str, Path(pattern=r"^[0-9a-f]{10}$")]
 
 
 def _access_gate(request: Request) -> Gate:
+    """Return the gate of the application, which checks keys and sessions."""
     return cast("Gate", request.app.state.gate)
 
 
 GateOf = Annotated[Gate, Depends(_access_gate)]
-_PAGE: Final = 1_000
+_ENTRIES_PER_PAGE: Final = 1_000
 _TABLE: Final[dict[int | str, dict[str, Any]]] = {
     200: {"description": "A page; or the table (RFC 4180, times in UTC).", "content": {"text/csv": {}}}
 }
@@ -60,7 +61,7 @@ async def create_session(
     key, link = (None if one is None else one.get_secret_value() for one in (body.key, body.link))
     signed = await gate.sign_in(key, link, requester.address)
     requester.key = signed.key
-    await gate.sign_out(request)  # of the session that the new cookie replaces
+    await gate.sign_out(request)  # ends the session that the new cookie replaces
     response.set_cookie(
         cookie_name(request),
         signed.token,
@@ -82,6 +83,7 @@ async def delete_session(gate: GateOf, request: Request) -> Response:
 
 
 def _session_state(gate: Gate, key: AccessKey | None, ends_at: datetime | None) -> access.Session:
+    """Return the description of a session: access control, key with its role, and end; None without a key."""
     if key is None:
         return access.Session(access=gate.access, key_id=None, key_name=None, role=None, ends_at=None)
     role = cast("access.Role", key.role)
@@ -89,7 +91,7 @@ def _session_state(gate: Gate, key: AccessKey | None, ends_at: datetime | None) 
 
 
 def _is_https(request: Request) -> bool:
-    """Return whether the browser came by HTTPS, maybe to a proxy: it says so in `Origin` itself."""
+    """Return whether the browser uses HTTPS, here or, by its `Origin`, to a proxy in front of the service."""
     return request.url.scheme == "https" or request.headers.get("origin", "").startswith("https://")
 
 
@@ -103,7 +105,7 @@ async def create_key(gate: GateOf, parts: PartsOf, body: access.KeyRequest) -> a
         )
     text, record = mint(body.name, body.role, now, body.expires_at)
     await run_sync(parts.store.keys.add, record)
-    await run_sync(gate.keyring.look)  # it counts here at once; other processes see it at their next look
+    await run_sync(gate.keyring.look)  # valid in this process at once, in others when they read the keys next
     return described(record).model_copy(update={"key": text})
 
 
@@ -119,7 +121,7 @@ async def revoke_key(gate: GateOf, parts: PartsOf, key_id: KeyId) -> access.Key:
     if gate.keyring.is_filed(key_id):
         raise HTTPException(409, "the key is in the file of keys: revoke it there")
     revoked = await run_sync(parts.store.keys.revoke, key_id, datetime.now(UTC))
-    await run_sync(gate.keyring.look)  # it counts here at once; other processes see it at their next look
+    await run_sync(gate.keyring.look)  # valid in this process at once, in others when they read the keys next
     return described(revoked)
 
 
@@ -131,19 +133,20 @@ def list_audit(
     if query.format == "csv":
         headers = {"Content-Disposition": 'attachment; filename="audit.csv"'}
         return StreamingResponse(
-            _audit_table(parts.store, query.key_id), media_type="text/csv", headers=headers
+            _write_audit_table(parts.store, query.key_id), media_type="text/csv", headers=headers
         )
     page = parts.store.audit.page(query.limit, query.cursor, counted=True, key_id=query.key_id)
     items = [access.AuditItem(**asdict(entry)) for entry in page.records]
     return Page(items=items, next=page.next, total=page.total)
 
 
-def _audit_table(store: Store, key_id: str | None) -> Iterator[str]:
+def _write_audit_table(store: Store, key_id: str | None) -> Iterator[str]:
+    """Yield the audit as parts of a CSV table: its header, then page after page; of a key if one is given."""
     yield csv_rows([list(access.AuditItem.model_fields)])
-    page = store.audit.page(_PAGE, key_id=key_id)
+    page = store.audit.page(_ENTRIES_PER_PAGE, key_id=key_id)
     while True:
         rows = [{**asdict(entry), "at": entry.at.isoformat()} for entry in page.records]
         yield csv_rows([guarded(value) for value in row.values()] for row in rows)
         if page.next is None:
             return
-        page = store.audit.page(_PAGE, page.next, key_id=key_id)
+        page = store.audit.page(_ENTRIES_PER_PAGE, page.next, key_id=key_id)

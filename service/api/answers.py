@@ -32,10 +32,10 @@ ANSWER_HEADERS: Final = MappingProxyType(
         "X-Content-Type-Options": "nosniff",
     }
 )
-"""Headers of an answer that says nothing else: no cache keeps it, no page of another site embeds it, and no
-browser takes it for a program."""
+"""Default headers of answers: they forbid caches to keep the answer, other sites to embed it, and browsers to
+run it as a program."""
 REQUEST_ID_HEADER: Final = "X-Request-Id"
-_TAG: Final = re.compile(r'"[^"]*"')
+_TAG_PATTERN: Final = re.compile(r'"[^"]*"')
 """A tag in `If-None-Match`, weak or not (RFC 9110, section 13.1.2)."""
 _REMEDIES: Final = {
     404: "see /openapi.json for the existing addresses",
@@ -45,7 +45,7 @@ _REMEDIES: Final = {
 }
 
 RETRY_SECONDS: Final = {429: 10, 503: 5}
-"""When a refused request may be sent again, by status."""
+"""Seconds after which a refused request may be sent again, by status."""
 _UNAUTHORISED: Final = 401
 NOT_MODIFIED: Final[dict[int | str, dict[str, Any]]] = {
     304: {"description": "The document is that of the `ETag` in `If-None-Match`."}
@@ -65,19 +65,19 @@ PartsOf = Annotated[Parts, Depends(_parts_of_app)]
 
 
 def json_response(text: str, status: int = 200) -> Response:
-    """Return a stored document as it is, without parsing it again."""
+    """Return an answer with the JSON text of a document, which is not parsed again."""
     return Response(text, status, media_type="application/json")
 
 
-def unchanging(
+def answer_with_tag(
     request: Request,
     body: str | bytes | Iterator[str],
     media_type: str = "application/json",
     headers: Mapping[str, str] | None = None,
 ) -> Response:
-    """Return a document that rarely or never changes: a client that has it gets 304 in its place.
+    """Return a document with a tag of its content (ETag); 304 without content if the client has it already.
 
-    A large table is sent as it is written, and has no tag.
+    A large table, given as an iterator, is streamed without a tag.
     """
     given = dict(headers or {})
     if not isinstance(body, str | bytes):
@@ -85,26 +85,26 @@ def unchanging(
     content = body.encode() if isinstance(body, str) else body
     given["ETag"] = tag = f'W/"{hashlib.sha256(content).hexdigest()[:32]}"'
     known = request.headers.get("if-none-match", "")
-    if known.strip() == "*" or tag.removeprefix("W/") in _TAG.findall(known):
+    if known.strip() == "*" or tag.removeprefix("W/") in _TAG_PATTERN.findall(known):
         return Response(status_code=304, headers=given)
     return Response(content, media_type=media_type, headers=given)
 
 
-def created(collection: str, identifier: str, text: str, status: int = 201) -> Response:
-    """Return a resource with its address."""
+def answer_created(collection: str, identifier: str, text: str, status: int = 201) -> Response:
+    """Return the answer to a post: the JSON text of the new resource, and its address in `Location`."""
     response = json_response(text, status)
     response.headers["Location"] = f"/v1/{collection}/{identifier}"
     return response
 
 
-def accepted(message: type[BaseModel]) -> dict[int | str, dict[str, Any]]:
-    """Describe the answers to a post that may take longer, for OpenAPI."""
+def describe_accepted(message: type[BaseModel]) -> dict[int | str, dict[str, Any]]:
+    """Return the OpenAPI responses of a post of a job: 201 finished, 202 stored but not finished."""
     later = "Stored but not finished: poll its address, or follow its events at /v1/jobs."
     return LOCATION | {202: {"description": later, "headers": _ADDRESS, "model": message}}
 
 
 def install_error_handlers(app: FastAPI) -> None:
-    """Give the application its error handler, which needs no thread."""
+    """Install the handler that answers every error with a problem document, without a thread."""
     for kind in (
         JointstiffError,
         StoreError,
@@ -117,9 +117,9 @@ def install_error_handlers(app: FastAPI) -> None:
 
 
 def answer_problem(problem: Problem, headers: dict[str, str] | None = None) -> Response:
-    """Return an answer that is a problem document.
+    """Return the answer with a problem document.
 
-    It has all headers itself: the answer to an unexpected error passes no middleware.
+    All headers are set here, because the answer to an unexpected error passes no middleware.
     """
     identifier = REQUEST_ID.get()
     given = dict(headers or {})
@@ -138,24 +138,24 @@ def answer_problem(problem: Problem, headers: dict[str, str] | None = None) -> R
 
 
 def answer_error(error: JointstiffError | StoreError) -> Response:
-    """Return the answer to one of the project's errors."""
+    """Return the answer to an error of the project; errors of the service (5xx) are logged."""
     problem = problem_of(error)
     if problem.status >= 500:
         _logger.error("%s: %s", type(error).__name__, error)
     return answer_problem(problem)
 
 
-def _parameters(request: Request) -> list[str]:
+def _query_parameters(request: Request) -> list[str]:
     """Return the names of the query parameters of the route of a request.
 
-    The route knows them; to build the OpenAPI description for them would take seconds on the event loop.
+    They are read from the route: building the OpenAPI description would block the event loop for seconds.
     """
     dependant: Dependant | None = getattr(request.scope.get("route"), "dependant", None)
     return [] if dependant is None else list(query_names(dependant))
 
 
 def query_names(dependant: Dependant) -> Iterator[str]:
-    """Yield the names of the query parameters of a route and of what it depends on."""
+    """Yield the names of the query parameters of a route and of its dependencies."""
     for parameter in dependant.query_params:
         declared = parameter.field_info.annotation
         if isinstance(declared, type) and issubclass(declared, BaseModel):
@@ -167,12 +167,14 @@ def query_names(dependant: Dependant) -> Iterator[str]:
 
 
 async def _answer_failure(request: Request, error: Exception) -> Response:
+    """Return the answer to any error as a problem document; unexpected errors are logged and give 500."""
     match error:
         case JointstiffError() | StoreError():
             return answer_error(error)
         case RequestValidationError():
-            return answer_problem(invalid_request(error.errors(), _parameters(request)))
+            return answer_problem(invalid_request(error.errors(), _query_parameters(request)))
         case HTTPException():
+            # The details of our own HTTPExceptions are "REASON; REMEDY".
             reason, *remedy = str(error.detail).split("; ", 1)
             todo = remedy[0] if remedy else _REMEDIES.get(error.status_code)
             headers = dict(error.headers) if error.headers else None

@@ -26,14 +26,14 @@ from jointstiff.solver.errors import RequestError
 
 MAX_KEY_LENGTH: Final = 255
 MAX_FILES: Final = 64
-_MAX_TEXTS: Final = 8
+_MAX_TEXT_FIELDS: Final = 8
 """Fields without a file name; more than one is refused by its name."""
-_PLAIN: Final = frozenset({"7bit", "8bit", "binary"})
+_PLAIN_ENCODINGS: Final = frozenset({"7bit", "8bit", "binary"})
 _TOO_LARGE: Final = ("Too many", "Part exceeded")
 
 
-def shown(examples: Mapping[str, Any]) -> Any:  # noqa: ANN401 - as FastAPI has it
-    """Return the declaration of a JSON body with its examples."""
+def json_body(examples: Mapping[str, Any]) -> Any:  # noqa: ANN401 - as FastAPI has it
+    """Return FastAPI's declaration of a JSON body, with examples by name for the API's description."""
     return Body(openapi_examples={name: Example(value=value) for name, value in examples.items()})
 
 
@@ -41,13 +41,13 @@ Handler = Callable[[Request], Coroutine[Any, Any, Response]]
 
 
 class BodyRoute(AccessRoute):
-    """Route that parses its body itself: FastAPI describes it, and finds it validated.
+    """Route that parses and validates its body before FastAPI, which still describes the body.
 
-    FastAPI would parse on the event loop, list faults without end, and take any media type.
+    FastAPI would parse on the event loop, list faults without limit, and accept any media type.
     """
 
     def get_route_handler(self) -> Handler:
-        """Return FastAPI's handler behind our parser."""
+        """Return a handler that parses the body and then calls FastAPI's handler."""
         handle = super().get_route_handler()
         field = self.body_field
         if field is None:
@@ -57,10 +57,11 @@ class BodyRoute(AccessRoute):
         message: type[BaseModel] = field.field_info.annotation  # type: ignore[assignment]
 
         async def handle_parsed(request: Request) -> Response:
-            _require_length(request, *needed)
-            if (answer := await _answered_elsewhere(request)) is not None:
+            """Parse the body, then let FastAPI handle the request; or answer by the child process."""
+            _require_media_type(request, *needed)
+            if (answer := await _answer_by_child(request)) is not None:
                 return await self.after_child(request, answer)
-            if is_form:  # Starlette keeps both, and gives FastAPI what it has
+            if is_form:  # FastAPI takes the form or the JSON that Starlette's request has stored
                 request._form = await read_form(request)
             else:
                 request._json = await read_json(request, message)
@@ -69,12 +70,12 @@ class BodyRoute(AccessRoute):
         return handle_parsed
 
     async def after_child(self, _: Request, response: Response) -> Response:
-        """Return the answer of the child as that of the service."""
+        """Return the answer of the child process; subclasses may change it."""
         return response
 
 
 async def read_json(request: Request, message: type[BaseModel]) -> BaseModel:
-    """Return the message that a body is; large ones take turns in threads of their own.
+    """Parse a JSON body as a message; large bodies are parsed in a limited number of threads.
 
     Raises:
         HTTPException: the body is too large (413).
@@ -82,19 +83,19 @@ async def read_json(request: Request, message: type[BaseModel]) -> BaseModel:
     """
     content = await request.body()
     if len(content) <= SMALL_BYTES:
-        return understood(message, content)
+        return parse_body(message, content)
     turns: CapacityLimiter = request.app.state.parsers
-    return await run_sync(understood, message, content, limiter=turns)
+    return await run_sync(parse_body, message, content, limiter=turns)
 
 
-async def _answered_elsewhere(request: Request) -> Response | None:
-    """Return the answer of the child to a large body; None if it is ours to answer."""
+async def _answer_by_child(request: Request) -> Response | None:
+    """Return the answer of the child process that parses large bodies; None if this process is to answer."""
     child: Callable[[Request], Awaitable[Response | None]] | None = request.app.state.answer_elsewhere
     return None if child is None else await child(request)
 
 
 def large_bodies(request: Request) -> CapacityLimiter:
-    """Return the application's threads for large work that is not stored."""
+    """Return the limiter of threads for large work whose result is not stored."""
     turns: CapacityLimiter = request.app.state.large_bodies
     return turns
 
@@ -112,20 +113,22 @@ KeyText = Annotated[
 """Text of an idempotency key."""
 
 
-def bound_key(key: str | None, body: bytes) -> IdempotencyKey | None:
-    """Return an idempotency key, bound to the body that it came with."""
+def bind_key(key: str | None, body: bytes) -> IdempotencyKey | None:
+    """Return an idempotency key with the hash of the body with which it was sent; None without a key."""
     return None if key is None else IdempotencyKey(key, hashlib.sha256(body).hexdigest())
 
 
 async def _requester_key(request: Request, idempotency_key: KeyText = None) -> IdempotencyKey | None:
-    return None if idempotency_key is None else bound_key(idempotency_key, await request.body())
+    """Return the idempotency key of a request, with the hash of its body; None without a key."""
+    return None if idempotency_key is None else bind_key(idempotency_key, await request.body())
 
 
 Key = Annotated[IdempotencyKey | None, Depends(_requester_key)]
 """Idempotency key of a request, bound to the bytes of its body."""
 
 
-def _require_length(request: Request, media_type: str, what: str) -> None:
+def _require_media_type(request: Request, media_type: str, what: str) -> None:
+    """Refuse (415) a body that is compressed or not of the media type; `what` names the type in the error."""
     coding = request.headers.get("content-encoding", "identity").strip().lower()
     if coding != "identity":
         raise HTTPException(415, f"the body has the Content-Encoding {coding[:40]!r}; send it without one")
@@ -133,8 +136,8 @@ def _require_length(request: Request, media_type: str, what: str) -> None:
         raise HTTPException(415, f"send {what}, with the header Content-Type: {media_type}")
 
 
-def understood(message: type[BaseModel], content: bytes) -> BaseModel:
-    """Validate a JSON body; its depth is limited to 200 by the parser.
+def parse_body(message: type[BaseModel], content: bytes) -> BaseModel:
+    """Parse a JSON body as a message, and validate it; the parser limits the depth to 200.
 
     Raises:
         HTTPException: the body has too large a structure (413).
@@ -142,18 +145,18 @@ def understood(message: type[BaseModel], content: bytes) -> BaseModel:
     """
     refuse_structure(content)
     try:
-        with without_collections():
+        with garbage_collector_paused():
             return parse(message, content)
     except MalformedError as error:
         raise RequestValidationError(error.faults) from None
 
 
 @contextmanager
-def without_collections() -> Iterator[None]:
-    """Pause the garbage collector: a million new lists would be looked through again and again.
+def garbage_collector_paused() -> Iterator[None]:
+    """Pause the garbage collector in the block: it would inspect a million new lists again and again.
 
-    That takes five times as long as the parser, and nobody else runs meanwhile. Of two that pause it at
-    the same time, the first to end lets it run again.
+    That would take five times as long as the parser and stop all other threads. If two blocks overlap, the
+    end of the first one starts the collector again.
     """
     gc.disable()
     try:
@@ -163,32 +166,32 @@ def without_collections() -> Iterator[None]:
 
 
 class _Parser(MultiPartParser):
-    """Starlette's parser, which keeps files in memory and notices the closing boundary."""
+    """Starlette's parser of forms, which keeps files in memory and notes whether the form was complete."""
 
     spool_max_size = max(MAX_BYTES.values())
     is_complete = False
 
     def on_end(self) -> None:
-        """Note that the closing boundary has come."""
+        """Note that the closing boundary of the form was read."""
         self.is_complete = True
 
 
 async def read_form(request: Request) -> FormData:
-    """Read fields `files`, and `options` as text, even if it came as a file; `BodyLimits` limits the body.
+    """Read the fields `files` and `options` of a form; `options` is decoded to text even if sent as a file.
 
     Raises:
-        RequestError: the body is not such a form.
+        RequestError: the body is not a form with these fields.
         HTTPException: the form has too many fields, or its options are too long (413).
     """
 
-    async def whole() -> AsyncGenerator[bytes]:
+    async def read_chunks() -> AsyncGenerator[bytes]:
         async for chunk in request.stream():
             yield chunk
         if not parser.is_complete:
             raise MultiPartException("The form does not end with its boundary.")
 
-    limits = {"max_files": MAX_FILES + 1, "max_fields": _MAX_TEXTS, "max_part_size": SMALL_BYTES}
-    parser = _Parser(request.headers, whole(), **limits)
+    limits = {"max_files": MAX_FILES + 1, "max_fields": _MAX_TEXT_FIELDS, "max_part_size": SMALL_BYTES}
+    parser = _Parser(request.headers, read_chunks(), **limits)
     try:
         form = await parser.parse()
     except MultiPartException as error:
@@ -196,7 +199,7 @@ async def read_form(request: Request) -> FormData:
             raise HTTPException(413, error.message) from None
         raise _malformed_form(error.message) from None
     try:
-        _refuse_strange(form)
+        _check_fields(form)
         fields = [
             (name, await _decode_options(value) if name == "options" else value)
             for name, value in form.multi_items()
@@ -207,18 +210,23 @@ async def read_form(request: Request) -> FormData:
     return FormData(fields)
 
 
-def _refuse_strange(form: FormData) -> None:
+def _check_fields(form: FormData) -> None:
+    """Check that a form has only `files` with names, and `options` at most once.
+
+    Raises:
+        RequestError: a field is unknown, repeated, encoded, or a file without a name.
+    """
     for name, value in form.multi_items():
         if name not in {"files", "options"}:
             name = name[:MAX_NAME_LENGTH]
             raise RequestError(
-                f"a form has no field {name!r}",
+                f"the form has an unknown field {name!r}",
                 remedy="send only the fields `files` and `options`",
                 where="body",
             )
         headers = value.headers if isinstance(value, UploadFile) else {}
-        if headers.get("content-transfer-encoding", "binary").lower() not in _PLAIN:
-            raise _malformed_form("a file has a Content-Transfer-Encoding")
+        if headers.get("content-transfer-encoding", "binary").lower() not in _PLAIN_ENCODINGS:
+            raise _malformed_form("a file has an unsupported Content-Transfer-Encoding")
         if name == "files" and isinstance(value, str):
             raise RequestError("a file has no name", remedy="send it with a `filename`", where="files")
     if len(form.getlist("options")) > 1:
@@ -246,6 +254,7 @@ async def _decode_options(value: UploadFile | str) -> str:
 
 
 def _malformed_form(reason: str) -> RequestError:
+    """Return the error of a body that is not a proper form."""
     return RequestError(
         reason, remedy="send multipart/form-data as browsers, curl -F and HTTP libraries do", where="body"
     )

@@ -28,7 +28,7 @@ _PROBLEMS: Final[dict[int | str, str]] = {
     "site requested a change; 429 where the queue is full, or too many wrong keys were sent; 503 while the "
     "database is not available; or another error.",
 }
-_OF_ALL: Final[frozenset[int | str]] = frozenset({422, "default"})
+_OF_ALL_ROUTES: Final[frozenset[int | str]] = frozenset({422, "default"})
 _OF_BODIES: Final = frozenset({400, 404, 413, 415})  # a body may name what is not there
 _FULL: Final = 507
 _EVENTS: Final = "text/event-stream"
@@ -40,11 +40,11 @@ _VALUES: Final = frozenset({"enum", "const"})  # all values of a type, among whi
 class DescribedApplication(FastAPI):
     """FastAPI with a description that validators accept and generators of clients understand.
 
-    A key is optional where a service may demand none: everywhere but in what only admins do.
+    A key is described as optional, as a service may demand none, except in operations of admins.
     """
 
     def openapi(self) -> Node:
-        """Return the OpenAPI description."""
+        """Return the OpenAPI description, which is built at the first call."""
         if self.openapi_schema is None:
             document = _without_titles(super().openapi())
             for path, method, operation in _operations(document):
@@ -58,23 +58,25 @@ class DescribedApplication(FastAPI):
             _show_answers(document)
             _drop_unused(document)
             _require_all_of_answers(document)
-            _place_pages(document)
+            _inline_pages(document)
             _share_components(document)
-            self.openapi_schema = _with_null_in_types(document)
+            self.openapi_schema = _shorten_nullable_types(document)
         return self.openapi_schema
 
 
 def problems(*statuses: int) -> dict[int | str, Node]:
     """Describe errors that a route may answer with in addition to those of all routes."""
-    return {status: _problem(status) for status in statuses}
+    return {status: _describe_problem(status) for status in statuses}
 
 
-def _problem(status: int | str) -> Node:
+def _describe_problem(status: int | str) -> Node:
+    """Return the OpenAPI response of a problem with a status."""
     schema = {"$ref": f"#/components/schemas/{Problem.__name__}"}
     return {"description": _PROBLEMS[status], "content": {"application/problem+json": {"schema": schema}}}
 
 
 def _operations(document: Node) -> Iterator[tuple[str, str, Node]]:
+    """Yield path, method and description of each operation."""
     for path, operations in document["paths"].items():
         for method, operation in operations.items():
             yield path, method, operation
@@ -103,27 +105,27 @@ def _summarise_operation(operation: Node) -> None:
 
 
 def _add_problems(path: str, method: str, operation: Node) -> None:
-    """Describe the errors that an operation may answer with, as its address and its body tell."""
-    statuses: set[int | str] = set(_OF_ALL)
+    """Add to an operation the problems that it may answer with, by its address, method and body."""
+    statuses: set[int | str] = set(_OF_ALL_ROUTES)
     if "requestBody" in operation:
         statuses |= _OF_BODIES
     if "{" in path:
         statuses |= {404} if method == "get" else {404, 409}
     if "201" in operation["responses"] and "security" in operation:
         statuses.add(_FULL)
-    answers = operation["responses"] | {str(status): _problem(status) for status in statuses}
+    answers = operation["responses"] | {str(status): _describe_problem(status) for status in statuses}
     operation["responses"] = dict(sorted(answers.items()))
 
 
 def _state_events(operation: Node) -> None:
-    """State events as text: FastAPI writes `itemSchema`, which is of OpenAPI 3.2."""
+    """Describe streams of events as plain text, as OpenAPI 3.1 does not know FastAPI's `itemSchema`."""
     for answer in operation["responses"].values():
         if _EVENTS in answer.get("content", {}):
             answer["content"][_EVENTS] = {"schema": {"type": "string"}}
 
 
 def _place_forms(document: Node) -> None:
-    """State a form where it is posted: its parts are no message."""
+    """Move the schema of each form into the operation that accepts the form."""
     schemas = document["components"]["schemas"]
     for *_, operation in _operations(document):
         content = operation.get("requestBody", {}).get("content", {})
@@ -131,8 +133,8 @@ def _place_forms(document: Node) -> None:
             content[_FORM]["schema"] = schemas.pop(content[_FORM]["schema"]["$ref"].rpartition("/")[2])
 
 
-def _place_pages(document: Node) -> None:
-    """State a page where it is answered: a listing has one, and clients know it by its operation."""
+def _inline_pages(document: Node) -> None:
+    """Move the schema of each page of a listing into the answer of its only operation."""
     schemas = document["components"]["schemas"]
     for *_, operation in _operations(document):
         for answer in operation["responses"].values():
@@ -142,22 +144,22 @@ def _place_pages(document: Node) -> None:
                 stated["schema"] = schemas.pop(name)
 
 
-def _with_null_in_types(node: Any) -> Any:  # noqa: ANN401 - any part of a JSON document
-    """Return a part of a description whose types name null among them, which `anyOf` says in more words."""
+def _shorten_nullable_types(node: Any) -> Any:  # noqa: ANN401 - any part of a JSON document
+    """Return a part of a description with `type: [X, null]` in place of `anyOf` of X and null."""
     if isinstance(node, list):
-        return [_with_null_in_types(each) for each in node]
+        return [_shorten_nullable_types(each) for each in node]
     if not isinstance(node, dict):
         return node
     match node.get("anyOf"):
-        case [{"type": str(kind)} as one, {"type": "null"}] if not _VALUES & one.keys():
+        case [{"type": str(kind)} as typed, {"type": "null"}] if not _VALUES & typed.keys():
             rest = {key: value for key, value in node.items() if key != "anyOf"}
-            if not one.keys() & rest.keys():
-                node = {**one, "type": [kind, "null"], **rest}
-    return {key: _with_null_in_types(value) for key, value in node.items()}
+            if not typed.keys() & rest.keys():
+                node = {**typed, "type": [kind, "null"], **rest}
+    return {key: _shorten_nullable_types(value) for key, value in node.items()}
 
 
 def _show_answers(document: Node) -> None:
-    """Show an example of what people start with: a run, the list of jobs, the health."""
+    """Add the recorded examples to the answers of the operations that users meet first, such as a run."""
     for *_, operation in _operations(document):
         if (example := ANSWERS.get(operation["operationId"])) is not None:
             status = next(each for each in operation["responses"] if each.startswith("2"))
@@ -165,7 +167,7 @@ def _show_answers(document: Node) -> None:
 
 
 def _schemas_used(document: Node, *roots: Node) -> set[str]:
-    """Return the names of the schemas that parts of a description refer to, directly or by others."""
+    """Return the names of the schemas that `roots`, parts of a description, use directly or indirectly."""
     schemas, waiting, found = document["components"]["schemas"], list(roots), set[str]()
     while waiting:
         names = set(re.findall(r'"#/components/schemas/(\w+)"', json.dumps(waiting.pop()))) - found
@@ -175,13 +177,13 @@ def _schemas_used(document: Node, *roots: Node) -> set[str]:
 
 
 def _drop_unused(document: Node) -> None:
-    """Drop schemas that nothing refers to: FastAPI states those of fields whose form is no promise, too."""
+    """Drop schemas that no operation uses, such as those of fields whose form is not promised."""
     schemas, used = document["components"]["schemas"], _schemas_used(document, document["paths"])
     document["components"]["schemas"] = {name: schemas[name] for name in schemas if name in used}
 
 
 def _require_all_of_answers(document: Node) -> None:
-    """Require every field of what only answers have: the service leaves none out."""
+    """Mark every field of schemas that only answers use as required: the service always sends all fields."""
     schemas = document["components"]["schemas"]
     bodies = [operation.get("requestBody", {}) for *_, operation in _operations(document)]
     for name in schemas.keys() - _schemas_used(document, *bodies):
@@ -190,7 +192,7 @@ def _require_all_of_answers(document: Node) -> None:
 
 
 def _share_components(document: Node) -> None:
-    """State once, among the components, each problem, and each parameter that two operations have."""
+    """Move problems, and parameters that several operations share, to the components; refer to them."""
     shared: dict[str, Node] = {"parameters": {}, "responses": {}}
     every = list(_operations(document))
     for stated in (one for *_, each in every for one in each.get("parameters", ())):

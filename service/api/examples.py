@@ -10,10 +10,10 @@ from typing import Any, Final
 EXAMPLES: Final[dict[str, dict[str, Any]]] = json.loads(
     files("jointstiff.service.api").joinpath("examples.json").read_text(encoding="utf-8")
 )
-"""Bodies by resource, and by what they are for."""
+"""Example bodies by resource, and then by the name of the example."""
 
 ANSWERS: Final[Mapping[str, Any]] = EXAMPLES.pop("answers")
-"""Answers of operations that people start with, by the operation; those of a run have less in their lists."""
+"""Example answers by operation id, for operations that users meet first; lists of a run are shortened."""
 
 _ROBOT: Final = EXAMPLES["robots"]["modified DH"]
 _SET: Final = {

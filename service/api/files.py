@@ -40,7 +40,7 @@ _NO_HEADERS: Final[Mapping[str, str]] = MappingProxyType({})
 
 
 class Content(NamedTuple):
-    """Content of a file."""
+    """Content of a file with its media type and headers; a large table is an iterator of its parts."""
 
     body: bytes | Iterator[str]
     media_type: str
@@ -48,8 +48,8 @@ class Content(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class _Wanted:
-    """A requested file."""
+class _RequestedFile:
+    """File of a job that a client requests, and what is needed to make it."""
 
     laboratory: LaboratorySettings  # that issues reports
     parts: Parts
@@ -60,122 +60,141 @@ class _Wanted:
 
     @cached_property
     def job(self) -> Job:
-        """The job, which has succeeded.
+        """Job with its result.
 
         Raises:
-            HTTPException: it has no result (409).
+            HTTPException: the job has no result (409).
         """
         return _require_result(self.jobs, self.job_id)
 
 
-_Make = Callable[[_Wanted], Content]
+_MakeContent = Callable[[_RequestedFile], Content]
 
 
-def is_stored(kind: AnyKind, name: str) -> bool:
-    """Return whether a file of a kind's jobs needs no work."""
-    return _files(kind).get(name) is _corrected_program
+def needs_no_work(kind: AnyKind, name: str) -> bool:
+    """Return whether a file of a kind's jobs is stored, so that it need not be computed."""
+    return _makers_by_name(kind).get(name) is _corrected_program
 
 
-def content_of(
+def make_file(
     request: Request, parts: Parts, jobs: Jobs, job_id: str, name: str, query: FileQuery
 ) -> Content:
-    """Return a file of a job.
+    """Return the content of a file of a job.
 
     Raises:
-        NotFoundError: there is no such job.
-        HTTPException: there is no such file, or nothing to put into it (404), or no result (409).
+        NotFoundError: the job does not exist.
+        HTTPException: the job has no such file or nothing to write to it (404), or no result (409).
         RequestError: the program has no file of that name.
     """
-    make = _files(jobs.kind).get(name)
+    make = _makers_by_name(jobs.kind).get(name)
     if make is None:
         jobs.records.get(job_id)
         raise HTTPException(
-            404, f"a {jobs.kind.name} has no such file; use one of {', '.join(names(jobs.kind))}"
+            404, f"a {jobs.kind.name} has no such file; use one of {', '.join(file_names(jobs.kind))}"
         )
-    return make(_Wanted(request.app.state.laboratory, parts, jobs, job_id, name, query))
+    return make(_RequestedFile(request.app.state.laboratory, parts, jobs, job_id, name, query))
 
 
-def names(kind: AnyKind) -> list[str]:
+def file_names(kind: AnyKind) -> list[str]:
     """Return the names of the files that a kind's jobs have."""
-    return list(_files(kind))
+    return list(_makers_by_name(kind))
 
 
 @cache
-def _files(kind: AnyKind) -> Mapping[str, _Make]:
-    """Return what makes each file of a kind's jobs, by name."""
-    made: dict[str, _Make] = {"tables.json": _tables}
+def _makers_by_name(kind: AnyKind) -> Mapping[str, _MakeContent]:
+    """Return the function that makes each file of a kind's jobs, by the name of the file."""
+    made: dict[str, _MakeContent] = {"tables.json": _tables_as_json}
     if kind.name == Run.kind_name():
-        made |= {"report.pdf": _run_report, "report.html": _run_report, "report.xml": _certificate}
-        made |= {f"model.{suffix}": _model for suffix in FORMATS}
+        made |= {"report.pdf": _run_report, "report.html": _run_report, "report.xml": _certificate_file}
+        made |= {f"model.{suffix}": _model_file for suffix in FORMATS}
     elif kind.reported:
         made |= {"report.pdf": _job_report, "report.html": _job_report}
     if kind.name == Program.kind_name():
         made["program"] = _corrected_program
-    return made | {file.name: partial(_sheet, file) for file in kind.files}
+    return made | {file.name: partial(_table_file, file) for file in kind.files}
 
 
-def _tables(wanted: _Wanted) -> Content:
-    view = View(wanted.query.details, UNITS[wanted.query.unit])
+def _tables_as_json(requested: _RequestedFile) -> Content:
+    """Return `tables.json`: tables, text lines, evidence and assessment of a job, as in the terminal."""
+    view = View(requested.query.details, UNITS[requested.query.unit])
     tables = [
-        part.shown() for part in job_parts(wanted.jobs.kind, wanted.job, view) if isinstance(part, Table)
+        part.shown()
+        for part in job_parts(requested.jobs.kind, requested.job, view)
+        if isinstance(part, Table)
     ]
-    assessment: BaseModel | None = getattr(wanted.job.result, "assessment", None)
-    report = wanted.jobs.kind.report(wanted.job, wanted.job.result, view)
+    assessment: BaseModel | None = getattr(requested.job.result, "assessment", None)
+    report = requested.jobs.kind.report(requested.job, requested.job.result, view)
     verdict = assessment and assessment.model_dump(mode="json")
     shown = {
         "assessment": verdict,
         "tables": tables,
-        "lines": _lines(report.parts),
-        "evidence": _lines(report.evidence),
+        "lines": _text_lines(report.parts),
+        "evidence": _text_lines(report.evidence),
     }
     return Content(json.dumps(shown, ensure_ascii=False, allow_nan=False).encode(), "application/json")
 
 
-def _lines(parts: Sequence[Part]) -> list[str]:
-    """Return the lines of a report that are not tables."""
+def _text_lines(parts: Sequence[Part]) -> list[str]:
+    """Return the non-empty text lines of a report's parts, without its tables."""
     lines = (line.strip() for part in parts if isinstance(part, Line) for line in part.text.splitlines())
     return [line for line in lines if line]
 
 
-def _sheet(file: File, wanted: _Wanted) -> Content:
-    kind, job = wanted.jobs.kind, wanted.job
-    sheet = job_sheet(file, job, lambda: wanted.jobs.work(job.id))
+def _table_file(file: File, requested: _RequestedFile) -> Content:
+    """Return a table of a job as a file, such as CSV; raise HTTPException (404) if it has no rows."""
+    kind, job = requested.jobs.kind, requested.job
+    sheet = job_sheet(file, job, lambda: requested.jobs.work(job.id))
     if not sheet.columns:
         what = file.description.partition(",")[0]
         reason = f"this {kind.name} has no rows for {file.name}, {what}"
         raise HTTPException(404, f"{reason}; use tables.json, or another of its files")
     body = csv_parts(sheet) if file.suffix == "csv" else written(sheet, file.suffix)
-    return Content(body, file.media_type, _file_response(f"{kind.name}-{job.id}.{file.suffix}"))
+    return Content(body, file.media_type, _attachment_header(f"{kind.name}-{job.id}.{file.suffix}"))
 
 
-def _job_report(wanted: _Wanted) -> Content:
-    jobs, parts, job_id = wanted.jobs, wanted.parts, wanted.job_id
+def _job_report(requested: _RequestedFile) -> Content:
+    """Return the report of a job that is not a run, as PDF or HTML."""
+    jobs, parts, job_id = requested.jobs, requested.parts, requested.job_id
     record = jobs.records.get(job_id)
     about = [] if record.robot_id is None else [("Robot", parts.store.robots.get(record.robot_id).name)]
     answered = jobs.kind.answered(record.document)
-    return _write_sheet(job_document(jobs.kind, wanted.job, answered, wanted.laboratory, about), wanted.name)
-
-
-def _run_report(wanted: _Wanted) -> Content:
-    subject = run_subject(wanted.parts, wanted.job_id, wanted.laboratory)
-    return _write_sheet(run_document(subject), wanted.name)
-
-
-def _certificate(wanted: _Wanted) -> Content:
-    subject = run_subject(wanted.parts, wanted.job_id, wanted.laboratory)
-    return Content(
-        certificate(subject), "application/xml", _file_response(f"certificate-{wanted.job_id}.xml")
+    return _render_report(
+        job_document(jobs.kind, requested.job, answered, requested.laboratory, about), requested.name
     )
 
 
-def _model(wanted: _Wanted) -> Content:
-    suffix = cast("ModelFormat", wanted.name.partition(".")[2])
-    model = export_model(exported_model(wanted.parts, wanted.job_id), suffix, wanted.query.accept_verdict)
-    return Content(model, FORMATS[suffix].media_type, _file_response(f"model-{wanted.job_id}.{suffix}"))
+def _run_report(requested: _RequestedFile) -> Content:
+    """Return the report of a run, as PDF or HTML."""
+    subject = run_subject(requested.parts, requested.job_id, requested.laboratory)
+    return _render_report(run_document(subject), requested.name)
 
 
-def _corrected_program(wanted: _Wanted) -> Content:
-    result, file = cast("Program", wanted.job).result, wanted.query.file
+def _certificate_file(requested: _RequestedFile) -> Content:
+    """Return the digital calibration certificate of a run, as XML."""
+    subject = run_subject(requested.parts, requested.job_id, requested.laboratory)
+    return Content(
+        certificate(subject), "application/xml", _attachment_header(f"certificate-{requested.job_id}.xml")
+    )
+
+
+def _model_file(requested: _RequestedFile) -> Content:
+    """Return the identified model of a run in the format of the file's ending."""
+    suffix = cast("ModelFormat", requested.name.partition(".")[2])
+    model = export_model(
+        exported_model(requested.parts, requested.job_id), suffix, requested.query.accept_verdict
+    )
+    return Content(
+        model, FORMATS[suffix].media_type, _attachment_header(f"model-{requested.job_id}.{suffix}")
+    )
+
+
+def _corrected_program(requested: _RequestedFile) -> Content:
+    """Return a corrected file of a program: that of the query, or the first one.
+
+    Raises:
+        RequestError: the program has no file of this name.
+    """
+    result, file = cast("Program", requested.job).result, requested.query.file
     found = next((each for each in result.files if file in {None, each.name}), None) if result else None
     if result is None or found is None:
         known = ", ".join(each.name for each in result.files) if result else ""
@@ -187,35 +206,38 @@ def _corrected_program(wanted: _Wanted) -> Content:
 
 
 def _require_result(jobs: Jobs, job_id: str) -> Job:
-    """Return a job with its result."""
+    """Return a job; raise HTTPException (409) if it has no result."""
     job = jobs.current(job_id)
     if job.result is None:
-        raise HTTPException(409, f"there is no result: the {job.kind}'s state is {job.state}")
+        raise HTTPException(409, f"the {job.kind} has no result, because its state is {job.state}")
     return job
 
 
-def _write_sheet(document: Document, name: str) -> Content:
+def _render_report(document: Document, name: str) -> Content:
+    """Render a report as the file of a name: `report.pdf` or `report.html`."""
     if name == "report.pdf":
-        return _report(report_pdf(document), document.number, "pdf")
-    return _report(report_page(document), document.number, "html")
+        return _report_content(report_pdf(document), document.number, "pdf")
+    return _report_content(report_page(document), document.number, "html")
 
 
-def _report(content: bytes, number: str, suffix: Literal["pdf", "html"]) -> Content:
+def _report_content(content: bytes, number: str, suffix: Literal["pdf", "html"]) -> Content:
+    """Return a rendered report with headers for display in a browser; `number` is that of the report."""
     headers = {"Content-Disposition": f'inline; filename="report-{number}.{suffix}"'}
     if suffix == "html":
         return Content(content, "text/html", headers | {"Content-Security-Policy": POLICY})
     return Content(content, "application/pdf", headers)
 
 
-def _file_response(name: str) -> dict[str, str]:
+def _attachment_header(name: str) -> dict[str, str]:
+    """Return the header by which browsers save an answer as a file of this name."""
     return {"Content-Disposition": f'attachment; filename="{name}"'}
 
 
 def exported_model(parts: Parts, run_id: str) -> ExportedModel:
-    """Return the model of a stored run.
+    """Return the identified model of a stored run, with its robot.
 
     Raises:
-        HTTPException: the run has no result.
+        HTTPException: the run has no result (409).
     """
     run = cast("Run", _require_result(parts.jobs[Run.kind_name()], run_id))
     prepared = parts.sets.prepared(run.request.measurement_set_id)
@@ -224,10 +246,10 @@ def exported_model(parts: Parts, run_id: str) -> ExportedModel:
 
 
 def run_subject(parts: Parts, run_id: str, settings: LaboratorySettings) -> RunSubject:
-    """Return what the report of a run is about.
+    """Return the subject of a run's report: identified model, readings, and settings of the laboratory.
 
     Raises:
-        HTTPException: the run has no result.
+        HTTPException: the run has no result (409).
     """
     model = exported_model(parts, run_id)
     readings = parts.sets.document(model.run.request.measurement_set_id)
@@ -235,7 +257,7 @@ def run_subject(parts: Parts, run_id: str, settings: LaboratorySettings) -> RunS
 
 
 def _media_types() -> dict[str, Any]:
-    """Return the media types of all files, for OpenAPI."""
+    """Return the media types of all files of jobs, with their schemas for OpenAPI."""
     own = {file.media_type for kind in KINDS for file in kind.files}
     fixed = {"application/json", "application/pdf", "text/html", "application/octet-stream"}
     types = sorted(own | fixed | {each.media_type for each in FORMATS.values()})
@@ -244,8 +266,8 @@ def _media_types() -> dict[str, Any]:
 
 
 def _description() -> str:
-    """Return the description of the operation: the files of each kind."""
-    listed = [f"* {kind.name}: {', '.join(f'`{name}`' for name in names(kind))}" for kind in KINDS]
+    """Return the description of the operation `get_job_file`, with the files of each kind of job."""
+    listed = [f"* {kind.name}: {', '.join(f'`{name}`' for name in file_names(kind))}" for kind in KINDS]
     own = [f"* `{file.name}` of a {kind.name}: {file.description}" for kind in KINDS for file in kind.files]
     return "\n".join([_FILES_TEXT, "", *listed, "", *own])
 

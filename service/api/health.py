@@ -1,4 +1,4 @@
-"""Health: the state that a thread of its own renews, what answers with it, and metrics for Prometheus."""
+"""Health of the service, which threads of its own check; its routes; and metrics for Prometheus."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ from jointstiff.service.store.store import Store
 router = APIRouter(tags=["health"], route_class=AccessRoute)
 
 LOOK_SECONDS: Final = 0.5
-"""Pause between two looks at the database."""
+"""Pause between two checks of the database [s]."""
 STALE_SECONDS: Final = 10.0
-"""A look that takes longer counts as a database that does not answer."""
+"""Age of the last check from which the database counts as not answering [s]."""
 PROOF_SECONDS: Final = 2.0
-"""Pause between two proofs that the database can be written."""
+"""Pause between two checks that the database can be written [s]."""
 STALE_PROOF_SECONDS: Final = 30.0
-"""A proof that takes longer counts as a database that cannot be written."""
-_GOODBYE_SECONDS: Final = 1.0
-"""For a look or proof under way at the end."""
+"""Age of the last write check from which the database counts as not writable [s]."""
+_JOIN_SECONDS: Final = 1.0
+"""Time to wait at the end for a check that is running [s]."""
 Gauges = Callable[[], dict[str, float]]
 
-_SECONDS: Final = (0.005, 0.02, 0.1, 0.5, 2.0, 10.0, 60.0)
-_HELP: Final = {
+_DURATION_BUCKETS: Final = (0.005, 0.02, 0.1, 0.5, 2.0, 10.0, 60.0)
+_GAUGE_HELP: Final = {
     "database_up": "1 if the last check of the database succeeded.",
     "workers": "Workers with a sign of life within 30 s.",
     "failing_workers": "Workers of this service that end soon after each start.",
@@ -58,7 +58,7 @@ async def get_health(request: Request) -> Health:
 
     Answers 503 while the database does not answer or cannot be written, as work would be lost.
     """
-    # No thread and no database while the service runs: it is answered however much others ask for.
+    # The last check is used, without a thread or a query, so that the answer never waits for other requests.
     watch: Watch = request.app.state.watch
     seen = await watch.writable()
     return Health(
@@ -92,7 +92,7 @@ def get_index() -> dict[str, str]:
 
 
 class Seen(NamedTuple):
-    """Outcome of a look."""
+    """Outcome of a check of the database."""
 
     at: float  # monotonic time of its end [s]
     workers: int = 0  # number of living workers
@@ -102,33 +102,33 @@ class Seen(NamedTuple):
 
 
 class Watch:
-    """Look at the database in a thread of its own, so that a request for the health never waits for work.
+    """Regular check of the database in threads of its own, so that requests for the health never wait.
 
-    Used as a context manager, it looks until the block ends; before and after that each question is a look.
+    As a context manager, it checks until the block ends; outside the block, each request is a check.
     """
 
     def __init__(self, store: Store, keyring: Keyring | None = None) -> None:
         """Watch the database of a store.
 
         Args:
-            store: which stays the caller's to close.
-            keyring: to keep up to date, so that a key that was revoked is refused after the next look.
+            store: store to check; the caller closes it.
+            keyring: keys to read again with each check, so that a revoked key is refused after the next one.
         """
         self._store = store
         self._keyring = keyring
         self.quota_bytes = store.quota.most  # size that the database may have; None for any
-        self.seen: Seen | None = None  # outcome of the last look
+        self.seen: Seen | None = None  # outcome of the last check
         self._unwritable: StoreError | None = None
-        self._proved = 0.0
+        self._write_checked_at = 0.0
         self._ended = threading.Event()
 
     def __enter__(self) -> Watch:
         self._ended.clear()
-        self.seen = self._look_at_database()
-        self._proved = time.monotonic()
+        self.seen = self._check_database()
+        self._write_checked_at = time.monotonic()
         self._threads = [
-            threading.Thread(target=self._repeat_forever, args=each, daemon=True)
-            for each in ((LOOK_SECONDS, self._renew_state), (PROOF_SECONDS, self._prove_writable))
+            threading.Thread(target=self._repeat_until_end, args=each, daemon=True)
+            for each in ((LOOK_SECONDS, self._renew_state), (PROOF_SECONDS, self._check_writable))
         ]
         for thread in self._threads:
             thread.start()
@@ -136,19 +136,19 @@ class Watch:
 
     def __exit__(self, *_: object) -> None:
         self._ended.set()
-        for thread in self._threads:  # one in the middle of a look would use a store that is closed
-            thread.join(_GOODBYE_SECONDS)
+        for thread in self._threads:  # a running check must not use the store after it is closed
+            thread.join(_JOIN_SECONDS)
         self.seen = None
 
     async def latest(self) -> Seen:
-        """Return the outcome of the last look.
+        """Return the outcome of the last check.
 
         Raises:
-            StoreError: the database did not answer the last look, or has not for `STALE_SECONDS`.
+            StoreError: the last check failed, or is older than `STALE_SECONDS`.
         """
         seen = self.seen
         if seen is None:
-            seen = await run_sync(self._look_at_database)
+            seen = await run_sync(self._check_database)
         if seen.error is not None:
             raise seen.error.with_traceback(None)
         if time.monotonic() - seen.at > STALE_SECONDS:
@@ -156,28 +156,29 @@ class Watch:
         return seen
 
     async def writable(self) -> Seen:
-        """Return the outcome of the last look, if the database could be written of late.
+        """Return the outcome of the last check, if the database could also be written.
 
         Raises:
-            StoreError: the database did not answer the last look, or could not be written.
+            StoreError: the last check or the last write check failed, or is too old.
         """
         seen = await self.latest()
         if self.seen is None:
-            await run_sync(self._prove_writable)
+            await run_sync(self._check_writable)
         if self._unwritable is not None:
             raise self._unwritable.with_traceback(None)
-        if self.seen is not None and time.monotonic() - self._proved > STALE_PROOF_SECONDS:
+        if self.seen is not None and time.monotonic() - self._write_checked_at > STALE_PROOF_SECONDS:
             raise StoreUnavailableError(
                 "a write to the database does not finish", "find the program that locks it"
             )
         return seen
 
-    def _repeat_forever(self, pause: float, act: Callable[[], None]) -> None:
+    def _repeat_until_end(self, pause: float, act: Callable[[], None]) -> None:
+        """Call a function again and again, with a pause [s], until the watch ends."""
         while not self._ended.wait(pause):
             act()
 
-    def _prove_writable(self) -> None:
-        """Write: a file that can be read only, or a standby server, answers every look."""
+    def _check_writable(self) -> None:
+        """Write to the database and keep the error: read-only files and standby servers pass other checks."""
         try:
             self._store.heartbeats.check_writable()
         except StoreError as error:
@@ -187,14 +188,16 @@ class Watch:
             self._unwritable = StoreUnavailableError("a write to the database failed", "see the log")
         else:
             self._unwritable = None
-        self._proved = time.monotonic()
+        self._write_checked_at = time.monotonic()
 
     def _renew_state(self) -> None:
-        seen = self._look_at_database()
+        """Check the database, and keep the outcome unless the watch has ended meanwhile."""
+        seen = self._check_database()
         if not self._ended.is_set():
             self.seen = seen
 
-    def _look_at_database(self) -> Seen:
+    def _check_database(self) -> Seen:
+        """Check the database and read the keys; return the outcome, with the error if one occurred."""
         try:
             database = self._store.ping()
             if self._keyring is not None:
@@ -203,8 +206,8 @@ class Watch:
             stored = self._store.quota.used()
         except StoreError as error:
             return Seen(time.monotonic(), error=error)
-        except Exception:  # the thread has to go on; it may work again at the next look
-            if self.seen is None or self.seen.error is None:  # not at each look again
+        except Exception:  # the thread must continue: the next check may succeed
+            if self.seen is None or self.seen.error is None:  # logged once, not at each check
                 _logger.exception("unexpected failure of a check of the database")
             failed = StoreUnavailableError("the check of the database failed", "try again; see the log")
             return Seen(time.monotonic(), error=failed)
@@ -215,8 +218,8 @@ class Metrics:
     """Counts of the requests of one application, and the state of its service."""
 
     def __init__(self) -> None:
-        self.registry = CollectorRegistry()  # for the server that shows it
-        self.gauges: Gauges = dict  # return the state when it is requested
+        self.registry = CollectorRegistry()  # read by the server of the metrics
+        self.gauges: Gauges = dict  # function that returns the state, set by the service
         labels = ["method", "route"]
         self._requests = Counter(
             "jointstiff_requests", "Requests answered.", [*labels, "status"], registry=self.registry
@@ -226,25 +229,25 @@ class Metrics:
             "Time until the whole answer was given.",
             labels,
             registry=self.registry,
-            buckets=_SECONDS,
+            buckets=_DURATION_BUCKETS,
         )
-        self.registry.register(_State(self))
+        self.registry.register(_GaugeCollector(self))
 
     def count(self, method: str, route: str, status: int, seconds: float) -> None:
         """Count a request.
 
         Args:
-            method: of those that HTTP has.
-            route: template of the address, not the address itself: there is no end of addresses.
-            status: of the answer.
-            seconds: until all of it was given.
+            method: method of HTTP, or `other`.
+            route: template of the address; single addresses would be countless.
+            status: status of the answer.
+            seconds: time until the whole answer was sent.
         """
         self._requests.labels(method, route, str(status)).inc()
         self._seconds.labels(method, route).observe(seconds)
 
-    def together_with(self, app: ASGIApp, port: int) -> ASGIApp:
-        """Return an application that shows the metrics on one port, and is another on all others."""
-        turns = CapacityLimiter(1)  # of its own: they are shown whatever others ask for
+    def serve_on_port(self, app: ASGIApp, port: int) -> ASGIApp:
+        """Return an application that serves the metrics on one port, and `app` on all other ports."""
+        turns = CapacityLimiter(1)  # a limiter of its own, so that the metrics never wait for other requests
 
         async def answer(scope: Scope, receive: Receive, send: Send) -> None:
             if scope["type"] != "http" or scope["server"][1] != port:
@@ -256,17 +259,17 @@ class Metrics:
         return answer
 
 
-class _State(Collector):
+class _GaugeCollector(Collector):
     """State of the service, looked up when it is requested."""
 
     def __init__(self, metrics: Metrics) -> None:
         self._metrics = metrics
 
     def collect(self) -> Iterator[Metric]:
-        """Yield a gauge for each figure."""
+        """Yield a gauge for each number of the service's state."""
         for name, value in self._metrics.gauges().items():
-            yield GaugeMetricFamily(f"jointstiff_{name}", _HELP[name], value=value)
+            yield GaugeMetricFamily(f"jointstiff_{name}", _GAUGE_HELP[name], value=value)
 
     def describe(self) -> list[Metric]:
-        """Return nothing: the figures are not known yet when this is registered."""
+        """Return no metrics: the state is not known yet when the collector is registered."""
         return []

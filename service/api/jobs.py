@@ -22,10 +22,10 @@ from jointstiff.schemas.fields import Page
 from jointstiff.schemas.job import Job, JobChange, JobSummary
 from jointstiff.schemas.query import FileQuery, JobQuery, WaitQuery
 from jointstiff.service.api import answers
-from jointstiff.service.api.bodies import BodyRoute, Key, large_bodies, shown
+from jointstiff.service.api.bodies import BodyRoute, Key, json_body, large_bodies
 from jointstiff.service.api.description import problems
 from jointstiff.service.api.examples import EXAMPLES
-from jointstiff.service.api.files import FILES, FILES_DESCRIPTION, content_of, is_stored
+from jointstiff.service.api.files import FILES, FILES_DESCRIPTION, make_file, needs_no_work
 from jointstiff.service.jobs import Jobs
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
@@ -35,14 +35,14 @@ from jointstiff.service.store.jobs import JOB, JobStatus
 from jointstiff.service.store.tables import OPEN_STATES, AccessKey, JobRecord
 
 TURN_SECONDS: Final = 0.1
-"""Pause between two looks at the jobs that are followed."""
+"""Pause between two polls of the jobs that are followed [s]."""
 _PAUSE_PER_LOOK: Final = 4
-"""Least pause as a multiple of the time a look took: looks take at most a fifth of a thread."""
+"""Least pause, as a multiple of the time of a poll: so polls take at most a fifth of the time."""
 
 
 @dataclass(eq=False)
 class _Followed:
-    """A job while someone follows it."""
+    """Job that clients follow, and its latest event."""
 
     jobs: Jobs  # the jobs of its kind
     followers: int = 0  # number of those who follow it
@@ -53,7 +53,10 @@ class _Followed:
     changed: asyncio.Event = field(default_factory=asyncio.Event)
 
     def look(self, job_id: str, status: JobStatus | None) -> ServerSentEvent | None:
-        """Return the event with the progress of the job; None if it is gone."""
+        """Return the event for a job's present status; None if the job no longer exists.
+
+        The whole job is read from the store only at first and when it has ended.
+        """
         if status is None:
             return None
         is_current = self.job is None or not status.is_active
@@ -65,11 +68,11 @@ class _Followed:
         if self.job is None:
             return None
         if status.is_active:
-            return _event("progress", _event_at(status, self.job))
-        return _event("end", self.job if is_current else _event_at(status, self.job))
+            return _progress_event("progress", _job_at(status, self.job))
+        return _progress_event("end", self.job if is_current else _job_at(status, self.job))
 
-    def tell(self, news: ServerSentEvent | None) -> None:
-        """Tell the followers what is new; None ends their streams."""
+    def publish(self, news: ServerSentEvent | None) -> None:
+        """Send an event to the followers, unless they have it already; None ends their streams."""
         if news is not None and news == self.news:
             return
         self.over = news is None or news.event == "end"
@@ -81,23 +84,23 @@ class _Followed:
 Question = Callable[[], Awaitable[bool]]
 
 
-async def _always() -> bool:
+async def _is_always_allowed() -> bool:
     return True
 
 
 class Followers:
-    """Followers of jobs. They belong to one event loop."""
+    """Streams of events for clients that follow jobs; all in one event loop, with one polling task."""
 
-    ALLOWED_SECONDS: ClassVar[float] = 5.0  # between two questions whether one may go on following
+    ALLOWED_SECONDS: ClassVar[float] = 5.0  # between two checks whether a client may still follow
 
     def __init__(
         self, is_closing: Callable[[], bool] = lambda: False, *, pause: float = TURN_SECONDS
     ) -> None:
-        """Serve those who follow jobs.
+        """Begin without followers.
 
         Args:
-            is_closing: tells whether the service is about to end, which ends all streams.
-            pause: between two looks at the jobs that are followed [s].
+            is_closing: function that returns whether the service is about to end, which ends all streams.
+            pause: pause between two polls of the jobs that are followed [s].
         """
         self._pause = pause
         self._is_closing = is_closing
@@ -105,17 +108,17 @@ class Followers:
         self._task: asyncio.Task[None] | None = None
 
     async def events(
-        self, jobs: Jobs, job_id: str, is_allowed: Question = _always
+        self, jobs: Jobs, job_id: str, is_allowed: Question = _is_always_allowed
     ) -> AsyncGenerator[ServerSentEvent]:
         """Yield `progress` events while a job goes on, then one `end` event with its final state.
 
         Args:
-            jobs: those of its kind.
-            job_id: the job.
-            is_allowed: called from time to time; the stream ends once it is false.
+            jobs: jobs of its kind.
+            job_id: id of the job.
+            is_allowed: called every `ALLOWED_SECONDS`; the stream ends when it returns false.
 
         Raises:
-            Exception: a look at the jobs failed, not because the database is away.
+            Exception: polling failed for another reason than an unavailable database.
         """
         followed = self._followed.setdefault(job_id, _Followed(jobs))
         followed.followers += 1
@@ -136,41 +139,45 @@ class Followers:
                             await followed.changed.wait()
                 if clock() - asked_at >= self.ALLOWED_SECONDS:
                     asked_at = clock()
-                    with suppress(StoreUnavailableError):  # the answer is that of before
+                    with suppress(
+                        StoreUnavailableError
+                    ):  # the former permission holds until the database answers
                         may_follow = await is_allowed()
         finally:
             followed.followers -= 1
             if followed.followers == 0 and self._followed.get(job_id) is followed:
                 del self._followed[job_id]
         if task.done():
-            await task
+            await task  # raises the error of a failed poll
 
     async def wait(self, jobs: Jobs, job_id: str, seconds: float) -> None:
-        """Return when a job has ended, after some seconds, or when the service is about to end."""
+        """Wait until a job has ended, for so many seconds at most, or until the service is about to end."""
         with suppress(TimeoutError):
             async with asyncio.timeout(seconds), aclosing(self.events(jobs, job_id)) as events:
                 async for _ in events:
                     pass
 
     async def _poll(self) -> None:
-        """Look at the jobs until no one follows any."""
+        """Poll the followed jobs and publish their events, until no job is followed or the service ends."""
         clock = asyncio.get_running_loop().time
         try:
             while self._followed and not self._is_closing():
                 began = clock()
                 followed = {job_id: each for job_id, each in self._followed.items() if not each.over}
-                with suppress(StoreUnavailableError):  # however long the database is away
-                    for job_id, news in (await run_in_threadpool(_look_at_jobs, followed)).items():
-                        followed[job_id].tell(news)
+                with suppress(
+                    StoreUnavailableError
+                ):  # polling continues, however long the database is not available
+                    for job_id, news in (await run_in_threadpool(_find_news, followed)).items():
+                        followed[job_id].publish(news)
                 await asyncio.sleep(max(self._pause, _PAUSE_PER_LOOK * (clock() - began)))
         finally:
             left, self._followed = self._followed, {}
             for each in left.values():
-                each.tell(None)
+                each.publish(None)
 
 
-def _look_at_jobs(followed: Mapping[str, _Followed]) -> dict[str, ServerSentEvent | None]:
-    """Look at jobs, with one query for all of a kind."""
+def _find_news(followed: Mapping[str, _Followed]) -> dict[str, ServerSentEvent | None]:
+    """Return the event of each followed job by its id, with one query for all jobs of a kind."""
     kinds: dict[Jobs, list[str]] = {}
     for job_id, each in followed.items():
         kinds.setdefault(each.jobs, []).append(job_id)
@@ -180,12 +187,14 @@ def _look_at_jobs(followed: Mapping[str, _Followed]) -> dict[str, ServerSentEven
     return {job_id: each.look(job_id, statuses.get(job_id)) for job_id, each in followed.items()}
 
 
-def _event_at(status: JobStatus, job: Job) -> Job:
+def _job_at(status: JobStatus, job: Job) -> Job:
+    """Return a job with the state and the progress of a newer status."""
     progress = job.progress and job.progress.model_copy(update={"done": status.done})
     return job.model_copy(update={"state": status.state, "progress": progress})
 
 
-def _event(name: str, job: Job) -> ServerSentEvent:
+def _progress_event(name: str, job: Job) -> ServerSentEvent:
+    """Return an event of a name with id, state and progress of a job."""
     return ServerSentEvent(event=name, raw_data=job.model_dump_json(include={"id", "state", "progress"}))
 
 
@@ -200,36 +209,41 @@ ANY_JOB: Final[Any] = Annotated[
 
 
 class JobRoute(BodyRoute):
-    """Route that stores a job. Of one that the child has stored the service waits for the end."""
+    """Route that stores a job; if the child process has stored it, this process waits for the job's end."""
 
     async def after_child(self, request: Request, response: Response) -> Response:
-        """Wait for a job that goes on: the child waits for no worker."""
+        """Wait for the end of a job that the child process has stored: the child itself does not wait."""
         if response.status_code != 202:
             return response
-        wait = float(request.query_params.get("wait", WaitQuery().wait))  # a number: it was answered 202
-        job_id = response.headers["Location"].rpartition("/")[2]  # the body may be compressed
+        wait = float(
+            request.query_params.get("wait", WaitQuery().wait)
+        )  # surely a number, as the child has validated the request
+        job_id = response.headers["Location"].rpartition("/")[2]  # not from the body, which may be compressed
         jobs = await run_in_threadpool(request.app.state.parts.jobs_of, job_id)
         record = await run_in_threadpool(jobs.records.get, job_id)
         return await answer(jobs, record, wait, request.app.state.followers)
 
 
 async def answer(jobs: Jobs, record: JobRecord, wait: float, followers: Followers) -> Response:
-    """Answer with a new job: 201 if it ends within `wait` seconds, else 202 with the job as it is."""
+    """Return the answer with a new job: 201 if it ends within `wait` seconds, else 202."""
     answered = jobs.kind.answered
     if record.state not in OPEN_STATES:
-        return answers.created(JOB.collection, record.id, answered(record.document))
+        return answers.answer_created(JOB.collection, record.id, answered(record.document))
     try:
         if wait:
             await followers.wait(jobs, record.id, wait)
         job = await run_in_threadpool(jobs.current, record.id)
-    except (StoreUnavailableError, NotFoundError):  # away, or deleted meanwhile; but it was stored
-        return answers.created(JOB.collection, record.id, answered(record.document), 202)
+    except (
+        StoreUnavailableError,
+        NotFoundError,
+    ):  # database not available, or job deleted; but the job was stored
+        return answers.answer_created(JOB.collection, record.id, answered(record.document), 202)
     text = answered(job.model_dump_json())
-    return answers.created(JOB.collection, job.id, text, 202 if job.state in OPEN_STATES else 201)
+    return answers.answer_created(JOB.collection, job.id, text, 202 if job.state in OPEN_STATES else 201)
 
 
 class Posted:
-    """A post of a job: its requester, and how long the answer waits for its end."""
+    """Post of a job: the requester, and how long the answer waits for the job's end [s]."""
 
     def __init__(self, request: Request, parts: answers.PartsOf, asked_by: AskedBy, query: Wait) -> None:
         self.request, self.parts, self.by, self.wait = request, parts, asked_by, query.wait
@@ -237,7 +251,7 @@ class Posted:
     async def answer(
         self, kind: str, create: Callable[[Jobs], JobRecord], turns: CapacityLimiter | None = None
     ) -> Response:
-        """Create a job of a kind in its turn; answer with it as `answer` does."""
+        """Create a job of a kind in a thread of the limiter `turns`; return the answer, as `answer` does."""
         jobs, state = self.parts.jobs[kind], self.request.app.state
         record = await run_sync(create, jobs, limiter=turns or state.work)
         return await answer(jobs, record, self.wait, state.followers)
@@ -246,8 +260,8 @@ class Posted:
 PostOf = Annotated[Posted, Depends()]
 
 
-def post_of(kind: AnyKind) -> APIRouter:
-    """Return the route by which jobs of a kind are posted; not for one that is posted as a form."""
+def make_post_route(kind: AnyKind) -> APIRouter:
+    """Return a router with the route that posts jobs of a kind; for kinds that are posted as JSON."""
     router = APIRouter(tags=[kind.collection], route_class=JobRoute)
 
     @router.post(
@@ -257,11 +271,11 @@ def post_of(kind: AnyKind) -> APIRouter:
         description=kind.description,
         status_code=201,
         response_model=kind.message,
-        responses=answers.accepted(kind.message),
+        responses=answers.describe_accepted(kind.message),
     )
     async def create(
         posted: PostOf,
-        body: Annotated[kind.request, shown(kind.examples)],  # type: ignore[name-defined]
+        body: Annotated[kind.request, json_body(kind.examples)],  # type: ignore[name-defined]
         key: Key,
     ) -> Response:
         return await posted.answer(kind.name, lambda jobs: jobs.create(body, key, posted.by))
@@ -291,12 +305,12 @@ def list_jobs(parts: answers.PartsOf, query: Annotated[_Listing, Query()]) -> Pa
 @router.get("/{job_id}", dependencies=[VIEWER], response_model=ANY_JOB, responses=answers.NOT_MODIFIED)
 def get_job(request: Request, parts: answers.PartsOf, job_id: JobId) -> Response:
     """Get a job: request, state, result and provenance. Once it has ended, it never changes."""
-    return answers.unchanging(request, parts.job(job_id))
+    return answers.answer_with_tag(request, parts.job(job_id))
 
 
 @router.patch("/{job_id}", dependencies=[OPERATOR], response_model=ANY_JOB)
 def change_job(
-    parts: answers.PartsOf, job_id: JobId, body: Annotated[JobChange, shown(EXAMPLES["job_changes"])]
+    parts: answers.PartsOf, job_id: JobId, body: Annotated[JobChange, json_body(EXAMPLES["job_changes"])]
 ) -> Response:
     """Cancel, delete or restore a job of any kind, and get it.
 
@@ -313,8 +327,11 @@ def change_job(
     return answers.json_response(parts.job(job_id, hidden=body.deleted is True))
 
 
-async def _events(request: Request, parts: answers.PartsOf, job_id: JobId) -> AsyncIterator[ServerSentEvent]:
-    # Before the stream begins: a job that is not there is a 404, not an event.
+async def _events_of_job(
+    request: Request, parts: answers.PartsOf, job_id: JobId
+) -> AsyncIterator[ServerSentEvent]:
+    """Return the events of a job, for as long as the requester's key is valid."""
+    # Checked before the stream begins, so that a missing job is answered 404 and not by an event.
     jobs = await run_in_threadpool(parts.jobs_of, job_id)
     await run_in_threadpool(jobs.records.refuse_deleted, job_id)
     gate: Gate = request.app.state.gate
@@ -324,7 +341,7 @@ async def _events(request: Request, parts: answers.PartsOf, job_id: JobId) -> As
 
 @router.get("/{job_id}/events", dependencies=[VIEWER], response_class=EventSourceResponse)
 async def follow_job(
-    events: Annotated[AsyncIterator[ServerSentEvent], Depends(_events)],
+    events: Annotated[AsyncIterator[ServerSentEvent], Depends(_events_of_job)],
 ) -> AsyncIterator[ServerSentEvent]:
     """Follow a job of any kind: `progress` events with state and progress, then one `end` event."""
     async for event in events:
@@ -349,6 +366,6 @@ async def get_job_file(
     """Get a file of a job."""
     jobs = await run_in_threadpool(parts.jobs_of, job_id)
     # Computation may take seconds: it is queued, so that other requests are answered meanwhile.
-    turns = None if is_stored(jobs.kind, name) else large_bodies(request)
-    content = await run_sync(content_of, request, parts, jobs, job_id, name, query, limiter=turns)
-    return answers.unchanging(request, content.body, content.media_type, content.headers)
+    turns = None if needs_no_work(jobs.kind, name) else large_bodies(request)
+    content = await run_sync(make_file, request, parts, jobs, job_id, name, query, limiter=turns)
+    return answers.answer_with_tag(request, content.body, content.media_type, content.headers)

@@ -15,7 +15,7 @@ from fastapi.sse import KEEPALIVE_COMMENT, EventSourceResponse, format_sse_event
 from jointstiff.schemas.live import LiveState
 from jointstiff.schemas.measurement import Observation
 from jointstiff.service.api import answers
-from jointstiff.service.api.bodies import BodyRoute, shown
+from jointstiff.service.api.bodies import BodyRoute, json_body
 from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.jobs import AskedBy
 from jointstiff.service.live.stored import OpenSets
@@ -23,13 +23,13 @@ from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, requester
 
 Id = Annotated[str, Path(max_length=64, description="Id of the set.")]
 LOOK_SECONDS: Final = 0.5
-"""Pause between two looks at an open set that is followed."""
+"""Pause between two polls of an open set that is followed [s]."""
 LOOKS: Final = 10
-"""Number of looks after which permission is checked again."""
+"""Number of polls after which permission is checked again."""
 QUIET_SECONDS: Final = 15.0
-"""Silence after which a comment is sent, as FastAPI does in the events of jobs.
+"""Silence after which a comment is sent, as FastAPI does in the events of jobs [s].
 
-A proxy ends an answer that takes too long only when it is to write: the next event would be lost.
+Without comments, a proxy would end a silent answer, and the next event would be lost.
 """
 
 router = APIRouter(prefix="/v1/measurement-sets/{set_id}", tags=["measurement sets"], route_class=BodyRoute)
@@ -40,7 +40,7 @@ async def add_observation(
     request: Request,
     parts: answers.PartsOf,
     set_id: Id,
-    body: Annotated[Observation, shown(EXAMPLES["observations"])],
+    body: Annotated[Observation, json_body(EXAMPLES["observations"])],
     by: AskedBy,
 ) -> Response:
     """Add an observation to an open set, and get what all of them say.
@@ -72,7 +72,7 @@ async def get_next(
     """
     state = await run_sync(parts.live.state, set_id, limiter=request.app.state.work)
     if not follow:
-        return answers.unchanging(request, state.model_dump_json())
+        return answers.answer_with_tag(request, state.model_dump_json())
     return EventSourceResponse(_events(request, parts.live, set_id, state))
 
 
@@ -87,7 +87,7 @@ def get_code(
     """Draw a QR code of the page's address of an open set, for a tablet at the robot."""
     import segno
 
-    parts.live.revision(set_id)  # there is one
+    parts.live.revision(set_id)  # raises an error for an unknown set
     drawing = io.BytesIO()
     segno.make(f"{page}#/measure/{set_id}", micro=False).save(
         drawing, kind="svg", scale=4, dark="#000", light="#fff"
@@ -109,7 +109,11 @@ async def close_measurement_set(
 
 
 async def _events(request: Request, sets: OpenSets, set_id: str, latest: LiveState) -> AsyncIterator[bytes]:
-    """Yield the state with each change until the set is closed, or one may not follow any more."""
+    """Yield an event with the state of an open set at each change.
+
+    The stream ends when the set or the service is closed, or when the requester's key is no longer valid.
+    `latest` is the first state.
+    """
     gate: Gate = request.app.state.gate
     sent, looks, quiet = -1, 0, 0.0
     while not request.app.state.is_closing():

@@ -25,10 +25,10 @@ from jointstiff.service.security.access import REQUESTER, Audit, Gate, Requester
 from jointstiff.service.security.admission import SAFE, Posture, is_loopback, refusal
 from jointstiff.service.security.keys import without_keys
 
-_LIFE: Final = "/live"
-"""Address that probes of containers ask, whether there is a key or not."""
-_NO_KEY: Final = (
-    "no key opens this service yet, so it answers its own machine only",
+_LIVENESS_PATH: Final = "/live"
+"""Address for liveness probes of containers, which is answered even before a key exists."""
+_NO_KEY_YET: Final = (
+    "this service has no key yet, so it answers only requests from its own machine",
     "create one with `jointstiff keys create NAME --role ROLE` where the service runs (`docker exec` in a "
     "container); or publish its port on its machine alone (`--publish 127.0.0.1:8000:8000`) and start it "
     "with `serve --host 0.0.0.0 --no-access-control --allowed-host localhost`",
@@ -38,7 +38,7 @@ _METHOD_NOT_ALLOWED: Final = 405
 
 
 class Guard:
-    """Middleware: host and origin, then the requester and the audit. A refused request gets no further."""
+    """Middleware that checks host, origin and key of a request, refuses or forwards it, and audits it."""
 
     def __init__(
         self, app: ASGIApp, posture: Posture, gate: Gate, audit: Audit, routes: Iterable[BaseRoute]
@@ -53,22 +53,30 @@ class Guard:
         self._paths, self._mounts = public_paths(routes)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on with its requester, or refuse it."""
+        """Forward a request, with its requester in the scope, or refuse it."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
         elif problem := refusal(self._posture, scope):
             await answer_problem(problem)(scope, receive, send)
-        elif REQUESTER in scope:  # the service that forwards it has found out
+        elif REQUESTER in scope:  # another process of the service has identified the requester
             await self._app(scope, receive, send)
         else:
             requester = scope[REQUESTER] = Requester(None, self._gate.is_open, address_of(scope))
             await self._admit(requester, scope, receive, send)
 
     async def _admit(self, requester: Requester, scope: Scope, receive: Receive, send: Send) -> None:
+        """Forward a request or refuse it by its key; requests that may change something are audited.
+
+        Without access control, every request is forwarded; static files need no key.
+        """
         if requester.is_open:
             await self._app(scope, receive, send)
-        elif scope["path"] != _LIFE and not is_loopback(requester.address) and await self._gate.awaits_key():
-            await answer_problem(http_problem(403, *_NO_KEY))(scope, receive, send)
+        elif (
+            scope["path"] != _LIVENESS_PATH
+            and not is_loopback(requester.address)
+            and await self._gate.awaits_key()
+        ):
+            await answer_problem(http_problem(403, *_NO_KEY_YET))(scope, receive, send)
         elif scope["path"].startswith(self._mounts):
             await self._app(scope, receive, send)
         elif scope["method"] in SAFE:
@@ -101,7 +109,7 @@ class Guard:
 
 
 class Methods:
-    """Middleware: HEAD answers as GET without content, OPTIONS and 405 name the methods of the address."""
+    """Middleware that answers HEAD as GET without content, and OPTIONS and 405 with the allowed methods."""
 
     def __init__(self, app: ASGIApp, routes: Iterable[BaseRoute]) -> None:
         """Wrap an application."""
@@ -117,10 +125,10 @@ class Methods:
         elif scope["method"] == "HEAD":
             await self._answer_head(scope, receive, send)
         else:
-            await self._app(scope, receive, self._with_allow(scope, send))
+            await self._app(scope, receive, self._add_allow_header(scope, send))
 
     async def _answer_head(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer as GET does up to the headers; cancel the rest, which may be a stream without end."""
+        """Answer HEAD with the headers of GET, and cancel GET then, as its body may be an endless stream."""
         with anyio.CancelScope() as rest:
 
             async def only_headers(message: Message) -> None:
@@ -129,10 +137,11 @@ class Methods:
                 rest.cancel()
                 await checkpoint()
 
-            await self._app({**scope, "method": "GET"}, receive, self._with_allow(scope, only_headers))
+            await self._app({**scope, "method": "GET"}, receive, self._add_allow_header(scope, only_headers))
 
-    def _with_allow(self, scope: Scope, send: Send) -> Send:
-        request_scope = dict(scope)  # before a mount changes it
+    def _add_allow_header(self, scope: Scope, send: Send) -> Send:
+        """Return a `send` that adds the header `Allow` to answers with status 405."""
+        request_scope = dict(scope)  # a copy, as a mount changes the scope
 
         async def sent(message: Message) -> None:
             if message.get("status") == _METHOD_NOT_ALLOWED:
@@ -142,7 +151,7 @@ class Methods:
         return sent
 
     def _allowed_methods(self, scope: Scope) -> str:
-        """Return the methods of an address; empty if there is nothing at it."""
+        """Return the methods of a request's address as text for `Allow`; empty for an unknown address."""
         methods = {
             method for method in _METHODS if scope["path"] == "*" or self._accepts_method(scope, method)
         }
@@ -151,35 +160,36 @@ class Methods:
         return ", ".join(sorted(methods | {"OPTIONS"})) if methods else ""
 
     def _accepts_method(self, scope: Scope, method: str) -> bool:
+        """Return whether a route answers a method at the address of a request."""
         return any(
             route.matches({**scope, "method": method})[0] is Match.FULL
             for route in self._routes
-            if method == "GET" or not isinstance(route, Mount)  # which has files, to be read
+            if method == "GET" or not isinstance(route, Mount)  # mounts are static files, for GET only
         )
 
 
 COMPRESSED_BYTES: Final = 1024
-"""Smaller answers are sent as they are."""
-PACKED: Final = (
+"""Size from which answers are compressed."""
+UNCOMPRESSED_TYPES: Final = (
     *DEFAULT_EXCLUDED_CONTENT_TYPES,  # streams of events, pictures
     "application/octet-stream",
     "application/pdf",
     "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet",
 )
-"""Types of answers that are sent as they are, whatever their size."""
+"""Media types of answers that are not compressed, whatever their size."""
 
 
 KNOWN_ID: Final = "jointstiff.request_id"
-"""Identifier in the scope of a request that another process forwards, which counts and logs it."""
+"""Key in the scope with the id of a forwarded request; the forwarding process counts and logs the request."""
 _COUNTED: Final = frozenset({"DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT"})
 
 _logger = logging.getLogger(ACCESS_LOGGER)
 
 
 class Observed:
-    """Middleware around all others: names each request, counts it, and logs it as JSON if so configured.
+    """Outermost middleware: gives each request an id, counts it, and logs it if so configured.
 
-    It gives each answer the headers that it lacks.
+    It also adds the standard headers that an answer does not have.
     """
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
@@ -197,7 +207,9 @@ class Observed:
             await self._app(scope, receive, send)
             return
         identifier = secrets.token_hex(8)
-        REQUEST_ID.set(identifier)  # of this request's task; an unexpected error is answered outside of us
+        REQUEST_ID.set(
+            identifier
+        )  # for this request's task, also for answers to unexpected errors outside this middleware
         status, began = 500, time.monotonic()
 
         async def sent(message: Message) -> None:
@@ -207,7 +219,9 @@ class Observed:
                 for name, value in {**ANSWER_HEADERS, REQUEST_ID_HEADER: identifier}.items():
                     headers.setdefault(name, value)
             await send(message)
-            status = message.get("status", status)  # now, as the connection may have refused it
+            status = message.get(
+                "status", status
+            )  # only after `send`, which fails if the connection is closed
 
         try:
             await self._app(scope, receive, sent)
@@ -217,6 +231,8 @@ class Observed:
             route = getattr(scope.get("route"), "path", "other")
             self._metrics.count(method, route, status, seconds)
             if _logger.isEnabledFor(logging.INFO):
-                path = without_keys(scope["path"])  # where one was put by mistake
+                path = without_keys(
+                    scope["path"]
+                )  # hides a key that a client put into the address by mistake
                 line = {"method": method, "path": path, "status": status, "seconds": round(seconds, 4)}
                 _logger.info("%s %s %d", method, path, status, extra=line)

@@ -28,17 +28,17 @@ SECURITY_HEADERS: Final = {
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
 }
-"""No inline code, no other host, no frame around the page."""
+"""Headers of the page: they forbid inline code, other hosts, and frames around the page."""
 
 _POLICY: Final = "Content-Security-Policy"
 DOCS_HEADERS: Final = SECURITY_HEADERS | {
     _POLICY: SECURITY_HEADERS[_POLICY].replace("form-action 'none'", "form-action 'self'"),
     "Cache-Control": "no-cache",
 }
-"""The same, but for the form that searches the documentation."""
+"""Headers of the documentation: as of the page, but with the form that searches the documentation."""
 
-_NOT_BUILT = "The dashboard is not built: install the package again (scripts/setup). The API is at /v1.\n"
-_NO_DOCS = """<!doctype html>
+_MISSING_PAGE = "The dashboard is not built: install the package again (scripts/setup). The API is at /v1.\n"
+_MISSING_DOCS = """<!doctype html>
 <html lang="en"><meta name="viewport" content="width=device-width"><title>Documentation · Jointstiff</title>
 <h1>The documentation is not built</h1>
 <p>The packages of releases hold it, this one does not. Read it on
@@ -50,63 +50,64 @@ The API is described at <a href="{root}openapi.json">openapi.json</a>.
 """
 
 
-def _no_docs(root: str) -> str:
-    """Return the page that says how to build the documentation; `root` is the way from it to /."""
-    return _NO_DOCS.format(root=root)
+def _missing_docs_page(root: str) -> str:
+    """Return the page that explains how to build the documentation; `root` is the relative path to /."""
+    return _MISSING_DOCS.format(root=root)
 
 
 class _Files(StaticFiles):
-    """Files of a folder that may be built, or built again, while it is served."""
+    """Static files of a folder that may be built, or built again, while it is served."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__(directory=folder, check_dir=False)
 
     async def check_config(self) -> None:
-        """Do nothing: the folder may come later."""
+        """Do not require the folder: it may be built later."""
 
 
 class _Assets(_Files):
-    """Files with a hash in their names, which never change; the build has packed each as `NAME.gz`, too."""
+    """Static files with a hash in their names, which never change; each also exists packed, as `NAME.gz`."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
-        """Return the packed file to a browser that takes it."""
+        """Return a file, in its packed form if the browser accepts gzip."""
         try:
             is_packed = (await run_sync(self.lookup_path, f"{path}.gz"))[1] is not None
-        except (OSError, ValueError):  # no file has such a name
+        except (OSError, ValueError):  # the operating system accepts no such name
             raise HTTPException(404) from None
         takes_packed = is_packed and "gzip" in Headers(scope=scope).get("accept-encoding", "")
         response = await super().get_response(f"{path}.gz" if takes_packed else path, scope)
         if takes_packed:
             response.headers["Content-Encoding"] = "gzip"
             response.headers["Content-Type"] = guess_type(path)[0] or "application/octet-stream"
-        # The policy of the page is the page's; each file has the short one of all answers.
+        # The long Content-Security-Policy is for the page alone; these files get the short default policy.
         response.headers["Cache-Control"] = "public, max-age=31536000, immutable"
         response.headers["Vary"] = "Accept-Encoding"
         return response
 
 
 class _Docs(_Files):
-    """Files of the documentation, which each installation may change."""
+    """Static files of the documentation, which a new installation may replace."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
-        """Return a file; while none is built, say how to build them."""
+        """Return a file; if the documentation is not built, return a page that explains how to build it."""
         if (await run_sync(self.lookup_path, "index.html"))[1] is None:
             depth = path.count("/")
-            return HTMLResponse(_no_docs(f"../{'../' * depth}"), 404, headers=SECURITY_HEADERS)
+            return HTMLResponse(_missing_docs_page(f"../{'../' * depth}"), 404, headers=SECURITY_HEADERS)
         return await super().get_response(path, scope)
 
     def file_response(self, *args: object, **kwargs: object) -> Response:
+        """Return the answer with a file, with the headers of the documentation."""
         response = super().file_response(*args, **kwargs)  # type: ignore[arg-type]
         response.headers.update(DOCS_HEADERS)
         return response
 
 
 def install_page(app: FastAPI, bundle: Path = BUNDLE, docs: Path = DOCS) -> None:
-    """Serve the page at / and the documentation at /docs/; unknown paths stay the API's to answer."""
+    """Serve the page at / and the documentation at /docs/; the API answers all other paths."""
 
     def page() -> Response:
         if not (bundle / "index.html").is_file():
-            return PlainTextResponse(_NOT_BUILT, 503)
+            return PlainTextResponse(_MISSING_PAGE, 503)
         return FileResponse(bundle / "index.html", headers=SECURITY_HEADERS | {"Cache-Control": "no-cache"})
 
     def icon() -> Response:
@@ -123,18 +124,20 @@ def install_page(app: FastAPI, bundle: Path = BUNDLE, docs: Path = DOCS) -> None
 
 
 def _add_public_route(app: FastAPI, path: str, endpoint: Callable[[], Response]) -> None:
-    """Add an address that needs no key: the page has to be there to sign in on it."""
+    """Add a route that needs no key: users sign in on the page, so the page itself must be public."""
     route = AccessRoute(path, endpoint, dependencies=[PUBLIC], include_in_schema=False)
     app.router.routes.append(route)
 
 
 def _install_docs(app: FastAPI, docs: Path) -> None:
+    """Serve the documentation in the folder `docs` at /docs/, and redirect /docs there."""
+
     def enter() -> Response:
-        return RedirectResponse("docs/")  # relative: the Host header is anyone's
+        return RedirectResponse("docs/")  # a relative address, as the Host header may be forged
 
     def index() -> Response:
         if not (docs / "index.html").is_file():
-            return HTMLResponse(_no_docs("../"), 404, headers=SECURITY_HEADERS)
+            return HTMLResponse(_missing_docs_page("../"), 404, headers=SECURITY_HEADERS)
         return FileResponse(docs / "index.html", headers=DOCS_HEADERS)
 
     _add_public_route(app, "/docs", enter)
@@ -143,8 +146,11 @@ def _install_docs(app: FastAPI, docs: Path) -> None:
 
 
 def install_description(app: FastAPI) -> None:
-    """Answer at /openapi.json. FastAPI's own route writes it anew each time, and keeps all others waiting."""
-    writing = Lock()  # of eight who ask at once one writes, and the others take no thread meanwhile
+    """Serve the OpenAPI description at /openapi.json, written once, in a thread.
+
+    FastAPI's own route would write the description for each request, and block all other requests meanwhile.
+    """
+    writing = Lock()  # of several requests at once, one writes; the others wait without a thread
     description = b""
 
     def written() -> bytes:

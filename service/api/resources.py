@@ -21,7 +21,7 @@ from jointstiff.schemas.robot import (
     RobotSummary,
 )
 from jointstiff.service.api import answers
-from jointstiff.service.api.bodies import BodyRoute, Key, shown
+from jointstiff.service.api.bodies import BodyRoute, Key, json_body
 from jointstiff.service.api.description import problems
 from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.jobs import AskedBy
@@ -48,7 +48,7 @@ trends = APIRouter(tags=["trends"], route_class=BodyRoute)
     responses=answers.LOCATION,
 )
 def create_robot(
-    parts: answers.PartsOf, body: Annotated[RobotDocument, shown(EXAMPLES["robots"])], key: Key
+    parts: answers.PartsOf, body: Annotated[RobotDocument, json_body(EXAMPLES["robots"])], key: Key
 ) -> Response:
     """Store a robot.
 
@@ -58,7 +58,7 @@ def create_robot(
     the identified model, and the geometry's id.
     """
     record = parts.robots.create(body, key)
-    return answers.created("robots", record.id, described(record).model_dump_json())
+    return answers.answer_created("robots", record.id, described(record).model_dump_json())
 
 
 @robots.get("/v1/robots", dependencies=[VIEWER], response_model=Page[RobotSummary])
@@ -89,14 +89,16 @@ def get_robot(request: Request, parts: answers.PartsOf, robot_id: RobotId) -> Re
     """Get a robot, with its kinematics as they were understood, and its last campaign."""
     robot = described(parts.store.robots.get(robot_id))
     latest = parts.trends.last_campaign(parts.store.robots.entry(robot_id))
-    return answers.unchanging(request, robot.model_copy(update={"last_campaign": latest}).model_dump_json())
+    return answers.answer_with_tag(
+        request, robot.model_copy(update={"last_campaign": latest}).model_dump_json()
+    )
 
 
 @robots.patch("/v1/robots/{robot_id}", dependencies=[OPERATOR], response_model=Robot)
 def change_robot(
     parts: answers.PartsOf,
     robot_id: RobotId,
-    body: Annotated[RobotChange, shown(EXAMPLES["robot_changes"])],
+    body: Annotated[RobotChange, json_body(EXAMPLES["robot_changes"])],
 ) -> Response:
     """Change a robot's name, delete it, or restore it.
 
@@ -118,7 +120,7 @@ def get_catalogue() -> Catalogue:
 
 @robots.post(
     "/v1/kinematics",
-    dependencies=[VIEWER],  # a drawing of what is stored, or might be
+    dependencies=[VIEWER],  # a viewer may draw any robot, as nothing is stored
     response_model=list[Posture],
     responses=problems(404),
 )
@@ -142,7 +144,7 @@ def compute_kinematics(
 )
 def create_measurement_set(
     parts: answers.PartsOf,
-    body: Annotated[MeasurementSetPost, shown(EXAMPLES["measurement_sets"])],
+    body: Annotated[MeasurementSetPost, json_body(EXAMPLES["measurement_sets"])],
     key: Key,
 ) -> Response:
     """Store a measurement set.
@@ -155,7 +157,9 @@ def create_measurement_set(
     """
     if body.open is not None:
         set_id = parts.live.create(body, body.open, key)
-        return answers.created("measurement-sets", set_id, parts.live.document(set_id).model_dump_json())
+        return answers.answer_created(
+            "measurement-sets", set_id, parts.live.document(set_id).model_dump_json()
+        )
     if not body.observations:
         raise RequestError(
             "must have at least 1 item",
@@ -163,7 +167,7 @@ def create_measurement_set(
             remedy="give them, or `open` for readings that are still to be taken",
         )
     record = parts.sets.create(body, key)
-    return answers.created("measurement-sets", record.id, assembled(record).model_dump_json())
+    return answers.answer_created("measurement-sets", record.id, assembled(record).model_dump_json())
 
 
 @sets.get("/v1/measurement-sets", dependencies=[VIEWER], response_model=Page[MeasurementSetSummary])
@@ -187,14 +191,14 @@ def list_measurement_sets(
 def get_measurement_set(request: Request, parts: answers.PartsOf, set_id: SetId) -> Response:
     """Get a measurement set as it was posted, with what was noticed; or an open one, as far as it is read."""
     document = parts.live.document(set_id) if parts.live.is_open(set_id) else parts.sets.document(set_id)
-    return answers.unchanging(request, document.model_dump_json())
+    return answers.answer_with_tag(request, document.model_dump_json())
 
 
 @sets.patch("/v1/measurement-sets/{set_id}", dependencies=[OPERATOR], response_model=MeasurementSetSummary)
 def change_measurement_set(
     parts: answers.PartsOf,
     set_id: SetId,
-    body: Annotated[SetChange, shown(EXAMPLES["set_changes"])],
+    body: Annotated[SetChange, json_body(EXAMPLES["set_changes"])],
     by: AskedBy,
 ) -> MeasurementSetSummary:
     """Change name and metadata of a measurement set, delete it, or restore it.

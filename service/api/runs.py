@@ -25,16 +25,16 @@ from jointstiff.schemas.program import MAX_FILES as MAX_PROGRAM_FILES
 from jointstiff.schemas.program import Program, ProgramRequest
 from jointstiff.schemas.robot import CatalogueModel, RobotDocument
 from jointstiff.schemas.run import Campaign, Run, RunRequest
-from jointstiff.service.api.answers import PartsOf, accepted, json_response
+from jointstiff.service.api.answers import PartsOf, describe_accepted, json_response
 from jointstiff.service.api.bodies import (
     MAX_FILES,
     BodyRoute,
     Key,
     KeyText,
-    bound_key,
+    bind_key,
+    garbage_collector_paused,
+    json_body,
     large_bodies,
-    shown,
-    without_collections,
 )
 from jointstiff.service.api.description import problems
 from jointstiff.service.api.examples import EXAMPLES
@@ -105,10 +105,10 @@ _ProgramOptions = Annotated[Json[ProgramRequest], Form(examples=[json.dumps(_PRO
     dependencies=[OPERATOR],
     status_code=201,
     response_model=Run,
-    responses=accepted(Run),
+    responses=describe_accepted(Run),
 )
 async def apply_action(
-    posted: PostOf, run_id: JobId, body: Annotated[Action, shown(EXAMPLES["actions"])]
+    posted: PostOf, run_id: JobId, body: Annotated[Action, json_body(EXAMPLES["actions"])]
 ) -> Response:
     """Apply an action of a run's assessment, and identify: the new run is a `variant_of` this one.
 
@@ -117,24 +117,24 @@ async def apply_action(
     """
 
     def create(jobs: Jobs) -> JobRecord:
-        variant = _variant(posted.parts, cast("Run", jobs.current(run_id)), body)
-        return jobs.create(variant, _content_key(variant.model_dump_json()), posted.by)
+        variant = _request_after_action(posted.parts, cast("Run", jobs.current(run_id)), body)
+        return jobs.create(variant, _key_of_content(variant.model_dump_json()), posted.by)
 
     return await posted.answer(Run.kind_name(), create)
 
 
-def _variant(parts: Parts, run: Run, action: Action) -> RunRequest:
-    """Return the request of the run after an action, what it changes being stored.
+def _request_after_action(parts: Parts, run: Run, action: Action) -> RunRequest:
+    """Apply an action to the inputs of a run; store changed inputs, and return the request of the new run.
 
     Raises:
-        HTTPException: the run has no result.
-        RequestError: its assessment does not advise the action, or it cannot be applied.
+        HTTPException: the run has no result (409).
+        RequestError: the run's assessment does not advise the action, or the action cannot be applied.
     """
     if run.result is None:
-        raise HTTPException(409, f"there is no assessment: the run's state is {run.state}")
+        raise HTTPException(409, f"the run has no assessment, because its state is {run.state}")
     if all(reason.action != action for reason in run.result.assessment.reasons):
         raise RequestError(
-            "the assessment of this run does not advise this",
+            "the assessment of this run does not advise this action",
             where="kind",
             remedy="send the `action` of one of its reasons without changes",
         )
@@ -148,36 +148,37 @@ def _variant(parts: Parts, run: Run, action: Action) -> RunRequest:
         robot=RobotDocument(
             name=robot.name, model=robot.model, joint_map=robot.joint_map, bodies=robot.bodies
         ),
-        measurement_set=_part_of(MeasurementSetDocument, stored),
-        run=_part_of(RunOptions, request),
+        measurement_set=_copy_fields(MeasurementSetDocument, stored),
+        run=_copy_fields(RunOptions, request),
     )
     after = mended(before, action)
     robot_id, set_id = stored.robot_id, stored.id
     if action.kind == "choose_robot":
-        robot_id = action.robot_id or _stored_robot(parts, _of_catalogue(action.robot or ""))
+        robot_id = action.robot_id or _store_robot_once(parts, _catalogue_robot(action.robot or ""))
     elif after.robot is not before.robot:
-        robot_id = _stored_robot(parts, after.robot)
+        robot_id = _store_robot_once(parts, after.robot)
     if after.robot is not before.robot or after.measurement_set is not before.measurement_set:
-        set_id = _stored_set(parts, after.measurement_set, robot_id)
+        set_id = _store_set_once(parts, after.measurement_set, robot_id)
     return request.model_copy(update={**dict(after.run), "measurement_set_id": set_id})
 
 
-def _part_of(kind: type[Part], source: Message) -> Part:
-    """Return the part of a message that has the fields of another."""
+def _copy_fields(kind: type[Part], source: Message) -> Part:
+    """Return a message of a kind with the values that a larger message has in these fields."""
     return kind(**{name: getattr(source, name) for name in kind.model_fields})
 
 
-def _of_catalogue(arm: str) -> RobotDocument:
+def _catalogue_robot(arm: str) -> RobotDocument:
+    """Return the document of the robot that is a nominal arm of the catalogue."""
     return RobotDocument(name=arm, model=CatalogueModel(format="catalogue", arm=arm))
 
 
-def _stored_robot(parts: Parts, document: RobotDocument) -> str:
-    """Store a robot unless there is one of this content; return its id."""
+def _store_robot_once(parts: Parts, document: RobotDocument) -> str:
+    """Store a robot unless its content is stored already; return the id of the stored robot."""
     return _store_once(parts.store.robots, parts.robots.create, document)
 
 
-def _stored_set(parts: Parts, document: MeasurementSetDocument, robot_id: str) -> str:
-    """Store readings of a robot unless there are such; return the id of their set."""
+def _store_set_once(parts: Parts, document: MeasurementSetDocument, robot_id: str) -> str:
+    """Store a measurement set of a robot unless its content is stored already; return the id of the set."""
     request = MeasurementSetRequest(**dict(document), robot_id=robot_id)
     return _store_once(parts.store.sets, parts.sets.create, request)
 
@@ -185,17 +186,21 @@ def _stored_set(parts: Parts, document: MeasurementSetDocument, robot_id: str) -
 def _store_once(
     stored: Collection[Any, Any], create: Callable[[Any, IdempotencyKey], Any], document: Message
 ) -> str:
-    """Store a document unless its content was stored before and is still there; return its id."""
-    mark = document.model_dump_json()
+    """Store a document unless its content is stored already and not deleted; return the id of the record.
+
+    The idempotency key is made of the content. If it leads to a deleted record, the next key is made of the
+    content and the id of this record, and so on.
+    """
+    key_text = document.model_dump_json()
     while True:
-        record = create(document, _content_key(mark))
+        record = create(document, _key_of_content(key_text))
         with suppress(NotFoundError):
             return str(stored.get(record.id).id)
-        mark += record.id  # the key belongs to the deleted one
+        key_text += record.id  # this key belongs to a deleted record
 
 
-def _content_key(content: str) -> IdempotencyKey:
-    """Return the key of a client that posts this content once."""
+def _key_of_content(content: str) -> IdempotencyKey:
+    """Return the idempotency key that `Client` also makes of this content, with the content's hash."""
     return IdempotencyKey(content_key(content), hashlib.sha256(content.encode()).hexdigest())
 
 
@@ -204,10 +209,10 @@ def _content_key(content: str) -> IdempotencyKey:
     dependencies=[OPERATOR],
     status_code=201,
     response_model=Run,
-    responses=accepted(Run),
+    responses=describe_accepted(Run),
 )
 async def create_campaign(
-    posted: PostOf, body: Annotated[Campaign, shown(EXAMPLES["campaigns"])], key: Key
+    posted: PostOf, body: Annotated[Campaign, json_body(EXAMPLES["campaigns"])], key: Key
 ) -> Response:
     """Identify the joint stiffnesses of a campaign file: robot, readings and options in one document.
 
@@ -217,19 +222,19 @@ async def create_campaign(
     """
 
     def create(jobs: Jobs) -> JobRecord:
-        with _in_section("robot"):
-            robot_id = _stored_robot(posted.parts, body.robot)
-        with _in_section("measurement_set"):
-            set_id = _stored_set(posted.parts, body.measurement_set, robot_id)
-        with _in_section("run"):
+        with _section_in_errors("robot"):
+            robot_id = _store_robot_once(posted.parts, body.robot)
+        with _section_in_errors("measurement_set"):
+            set_id = _store_set_once(posted.parts, body.measurement_set, robot_id)
+        with _section_in_errors("run"):
             return jobs.create(RunRequest(**dict(body.run), measurement_set_id=set_id), key, posted.by)
 
     return await posted.answer(Run.kind_name(), create)
 
 
 @contextmanager
-def _in_section(section: str) -> Iterator[None]:
-    """Name the section of a campaign in an error's place."""
+def _section_in_errors(section: str) -> Iterator[None]:
+    """Put the name of a campaign's section in front of the place of errors raised in the block."""
     try:
         yield
     except JointstiffError as error:
@@ -239,7 +244,7 @@ def _in_section(section: str) -> Iterator[None]:
 
 @deflections.post("/v1/deflections", dependencies=[OPERATOR], response_model=DeflectionResult)
 async def compute_deflections(
-    request: Request, parts: PartsOf, body: Annotated[DeflectionRequest, shown(EXAMPLES["deflections"])]
+    request: Request, parts: PartsOf, body: Annotated[DeflectionRequest, json_body(EXAMPLES["deflections"])]
 ) -> Response:
     """Predict deflection, rotation and Cartesian compliance by the model of a run. Nothing is stored.
 
@@ -247,11 +252,16 @@ async def compute_deflections(
     errors of the readings and the stated errors of the force; `with_model_error` also includes the model
     error, calibrated on held-out postures. A run never changes, so the same request has the same answer.
     """
-    # Many cases take seconds: predictions wait for their turn, and leave the other requests theirs.
-    return json_response(await run_sync(_predict, parts, body, limiter=large_bodies(request)))
+    # Many cases take seconds: the limiter keeps threads free for other requests.
+    return json_response(await run_sync(_predict_as_json, parts, body, limiter=large_bodies(request)))
 
 
-def _predict(parts: Parts, body: DeflectionRequest) -> str:
+def _predict_as_json(parts: Parts, body: DeflectionRequest) -> str:
+    """Predict deflections by a stored run; return the result as JSON.
+
+    Raises:
+        RequestError: the run does not exist, or cannot predict these cases.
+    """
     try:
         run = stored_job(parts.store, Run, body.run_id)
         robot = parts.sets.prepared(run.request.measurement_set_id).robot
@@ -273,23 +283,24 @@ async def create_import(
     preview. With `robot_id` the set is inspected. The `template` of an earlier answer as options refuses
     files of another form.
     """
-    # A few bytes of Excel unpack to a great deal: all imports wait for their turn.
-    answer = await run_sync(_understand, parts, files, options, limiter=large_bodies(request))
+    # A small Excel file may unpack to a huge one: the limiter keeps threads free for other requests.
+    answer = await run_sync(_import_as_json, parts, files, options, limiter=large_bodies(request))
     return json_response(answer)
 
 
-def _understand(parts: Parts, files: list[UploadFile], options: ImportRequest) -> str:
+def _import_as_json(parts: Parts, files: list[UploadFile], options: ImportRequest) -> str:
+    """Import uploaded files of readings; return the preview as JSON."""
     robot = None if options.robot_id is None else parts.robots.find(options.robot_id, None)
-    sources = [SourceFile(*named_content(file)) for file in files]
-    with without_collections():
+    sources = [SourceFile(*read_named_file(file)) for file in files]
+    with garbage_collector_paused():
         return import_files(sources, options, robot, parts.robots.known()).model_dump_json()
 
 
-def named_content(file: UploadFile) -> tuple[str, bytes]:
-    """Return name without folders and content of a file.
+def read_named_file(file: UploadFile) -> tuple[str, bytes]:
+    """Return name, without folders, and content of an uploaded file.
 
     Raises:
-        RequestError: it has no name that can be shown.
+        RequestError: the file has no name, or a name that cannot be displayed.
     """
     name = (file.filename or "").replace("\\", "/").rpartition("/")[2]
     try:
@@ -308,22 +319,26 @@ def named_content(file: UploadFile) -> tuple[str, bytes]:
     description=PROGRAM.description,
     status_code=201,
     response_model=Program,
-    responses=accepted(Program),
+    responses=describe_accepted(Program),
 )
 async def create_program(
     posted: PostOf, files: _Program, options: _ProgramOptions, idempotency_key: KeyText = None
 ) -> Response:
     """Correct the targets of a program."""
     if len({file.filename for file in files}) < len(files):
-        raise RequestError("two files have one name", where="files", remedy="send each file once")
+        raise RequestError("two files have the same name", where="files", remedy="send each file once")
     if options.files:
-        raise RequestError("the options have files", where="files", remedy="send each as `files` of the form")
+        raise RequestError(
+            "the options contain a field `files`",
+            where="files",
+            remedy="send each file as a field `files` of the form",
+        )
 
     def create(jobs: Jobs) -> JobRecord:
-        sent = [packed(*named_content(file)) for file in files]
+        sent = [packed(*read_named_file(file)) for file in files]
         body = options.model_copy(update={"files": sent})
-        key = bound_key(idempotency_key, body.model_dump_json().encode())
+        key = bind_key(idempotency_key, body.model_dump_json().encode())
         return jobs.create(body, key, posted.by)
 
-    # A program may take seconds to pack and to read: they wait for their turn, and leave others theirs.
+    # Packing and reading a program may take seconds: the limiter keeps threads free for other requests.
     return await posted.answer(Program.kind_name(), create, large_bodies(posted.request))

@@ -12,16 +12,16 @@ from typer.main import get_command
 from jointstiff.service.cli.demo import demo, examples, simulate
 from jointstiff.service.cli.keys import keys
 from jointstiff.service.cli.models import export, report, robots
-from jointstiff.service.cli.options import refusal_of
+from jointstiff.service.cli.options import print_known_error
 from jointstiff.service.cli.services import post, serve, worker
 from jointstiff.service.kinds.rooms import ROOMS
 
-_MADE = {room.command: room.summary for room in ROOMS.values()} | {
+_LATE_COMMANDS = {room.command: room.summary for room in ROOMS.values()} | {
     "measure": "Measure live until a goal is reached.",
     "import": "Import files of readings as a campaign.",
     "predict": "Predict deflections in given postures under given loads.",
 }
-"""Commands that are made of messages when they are called, as messages take time, with their help."""
+"""Help texts, by name, of the commands that are built only when called: importing messages takes time."""
 _SETTINGS: Any = {
     "rich_markup_mode": None,  # its libraries take longer to import than all else that help needs
     "pretty_exceptions_enable": False,
@@ -29,36 +29,36 @@ _SETTINGS: Any = {
 
 
 class _Commands(typer.core.TyperGroup):
-    """The commands."""
+    """Group of all commands; it builds those in `_LATE_COMMANDS` when they are called."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - Typer's Click is private
-        """Return name, command and arguments; make the command if it is not yet."""
-        if args and args[0] in _MADE:
+        """Return name, command and remaining arguments; build a command of `_LATE_COMMANDS` first."""
+        if args and args[0] in _LATE_COMMANDS:
             if args[0] == "import":
-                from jointstiff.service.cli.imports import import_command as make
+                from jointstiff.service.cli.imports import build_import_command as build
             elif args[0] == "measure":
-                from jointstiff.service.cli.measure import measure_command as make
+                from jointstiff.service.cli.measure import build_measure_command as build
             elif args[0] == "predict":
-                from jointstiff.service.cli.kinds import predict_command as make
+                from jointstiff.service.cli.kinds import build_predict_command as build
             else:
-                from jointstiff.service.cli.kinds import command_of
+                from jointstiff.service.cli.kinds import build_command
 
                 kinds = {room.command: name for name, room in ROOMS.items()}
-                make = partial(command_of, kinds[args[0]])
-            alone = typer.Typer(add_completion=False, **_SETTINGS)
-            alone.command(args[0])(make())
-            self.commands[args[0]] = get_command(alone)
+                build = partial(build_command, kinds[args[0]])
+            own_app = typer.Typer(add_completion=False, **_SETTINGS)
+            own_app.command(args[0])(build())
+            self.commands[args[0]] = get_command(own_app)
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - Typer's Click is private
-        """Carry a command out; an error that says how to mend it ends it with exit status 2."""
+        """Run a command; if it raises an error with a remedy, print both and end with exit status 2."""
         try:
             return super().invoke(ctx)
         except Exception as error:
-            refusal = refusal_of(error)
-            if refusal is None:
+            exit_with_status = print_known_error(error)
+            if exit_with_status is None:
                 raise
-            raise refusal from error
+            raise exit_with_status from error
 
 
 app = typer.Typer(
@@ -74,14 +74,15 @@ app = typer.Typer(
 
 app.command()(simulate)
 app.command()(examples)
-for _command, _summary in _MADE.items():
+for _command, _summary in _LATE_COMMANDS.items():
     app.command(_command, help=_summary)(lambda: None)  # shown in the list in place of what is made later
-for _written in (robots, export, report, serve, worker, post, demo):
-    app.command()(_written)
+for _function in (robots, export, report, serve, worker, post, demo):
+    app.command()(_function)
 app.add_typer(keys, name="keys")
 
 
 def _version(value: bool) -> None:
+    """Print the version and end the command if --version is given."""
     if value:
         from jointstiff.service.process import jointstiff_version
 
@@ -96,4 +97,4 @@ def options(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and end.")
     ] = False,
 ) -> None:
-    """Options of the command itself; Typer calls it before each command."""
+    """Declare the options of `jointstiff` itself; Typer calls this function before each command."""

@@ -18,31 +18,31 @@ if TYPE_CHECKING:
 
 
 class AtTerminal(Person):
-    """The person at the terminal; all words go to the standard error."""
+    """Person at the terminal, who is asked there; all questions and messages go to the standard error."""
 
     def __init__(self, campaign: LiveMeasurement, *, asks: bool, confirmed: bool) -> None:
-        """Stand at a robot.
+        """Begin with a live measurement.
 
         Args:
-            campaign: that is measured.
-            asks: whether somebody answers; else it goes on as nobody does.
-            confirmed: whether the profile of a source need not be confirmed.
+            campaign: live measurement of the robot.
+            asks: whether to ask questions; if false, the answers of `Person` apply.
+            confirmed: whether the way in which lines are read needs no confirmation.
         """
         self._campaign, self._asks, self._confirmed = campaign, asks, confirmed
         self._by_itself = bool(getattr(campaign.source, "by_itself", False))
 
     def confirms(self, profile: str) -> bool:
-        """Show how lines are read, and ask whether that is right."""
+        """Print how the lines of the source are read; return whether the person confirms it."""
         cli.warn(profile)
         if self._confirmed:
             return True
-        answer = _choose_answer("are the lines read rightly? y or n", {"y", "n"}, at_end="")
+        answer = _choose_answer("are the lines read correctly? y or n", {"y", "n"}, at_end="")
         if not answer:
-            raise cli.failed("nobody confirmed how the lines are read", "confirm it, or give --yes")
+            raise cli.print_failure("nobody confirmed how the lines are read", "confirm it, or give --yes")
         return answer == "y"
 
     def on_reading(self, state: LiveState, reading: LiveReading) -> None:
-        """Print the reading's line, and why it is doubtful."""
+        """Print a reading in one line, why the measurement continues, and why the reading is doubtful."""
         cli.warn(reading_line(state, reading))
         if state.state == "measuring" and state.share is not None and state.share <= 1.0:
             cli.warn(f"  goes on: {state.message}")
@@ -52,7 +52,7 @@ class AtTerminal(Person):
                 cli.warn(f"  {cause}")
 
     def ready(self, following: PlannedReading, *, loaded: bool) -> Literal["read", "skip", "stop"]:
-        """Show posture and force, and wait."""
+        """Print posture and force, wait for the person, and return what to do."""
         if not self._asks or self._by_itself:
             return "read"
         if loaded:
@@ -68,7 +68,7 @@ class AtTerminal(Person):
         return chosen[answer]
 
     def doubts(self, reading: LiveReading, *, again: bool) -> Literal["again", "keep"]:
-        """Ask what becomes of a doubtful reading."""
+        """Ask whether to read a doubtful reading again or to keep it."""
         if not self._asks:
             return super().doubts(reading, again=again)
         return (
@@ -78,14 +78,14 @@ class AtTerminal(Person):
         )
 
     def doubts_earlier(self, reading: LiveReading, *, again: bool) -> Literal["withdraw", "keep"]:
-        """Ask what becomes of an earlier reading that is a mistake by now."""
+        """Ask whether to withdraw or keep an earlier reading that later readings show to be a mistake."""
         if not self._asks:
             return super().doubts_earlier(reading, again=again)
         answer = _choose_answer("  w withdraws it; k keeps it", {"w", "k"}, at_end="k")
         return "withdraw" if answer == "w" else "keep"
 
     def missed(self, error: Exception, *, again: bool) -> Literal["again", "skip", "stop"]:
-        """Print the reason why there is no reading, and ask what to do."""
+        """Print why the source gave no reading, and ask whether to try again, skip the posture or stop."""
         cli.warn(f"no reading: {getattr(error, 'reason', error)}")
         remedy = getattr(error, "remedy", None)
         if remedy:
@@ -98,7 +98,7 @@ class AtTerminal(Person):
 
 
 def reading_line(state: LiveState, reading: LiveReading) -> str:
-    """Return a reading in a line: share of the goal, worst joint, innovation, and how many follow."""
+    """Describe a reading in one line: share of the goal, worst joint, p-value, readings still needed."""
     parts = [f"{reading.label}:"]
     if state.share is not None:
         parts.append(f"share of the goal {state.share:.2f},")
@@ -120,7 +120,7 @@ def reading_line(state: LiveState, reading: LiveReading) -> str:
 
 
 def _choose_answer(prompt: str, answers: set[str], at_end: str) -> str:
-    """Return one of some answers, or what the end of the input means."""
+    """Ask until the typed line is one of `answers`; return it, or `at_end` at the end of the input."""
     while True:
         typer.echo(f"{prompt}: ", nl=False, err=True)
         line = sys.stdin.readline()
@@ -130,7 +130,7 @@ def _choose_answer(prompt: str, answers: set[str], at_end: str) -> str:
 
 
 def posture_text(campaign: LiveMeasurement, following: PlannedReading) -> str:
-    """Return the posture as the controller shows it, in degrees and millimetres."""
+    """Return the joint values of a planned reading as text, in degrees and millimetres."""
     parts = []
     for name, kind, value in zip(campaign.joint_names, campaign.joint_kinds, following.joints, strict=True):
         shown = f"{1e3 * value:.1f} mm" if kind == "prismatic" else f"{math.degrees(value):.2f}°"
@@ -139,11 +139,14 @@ def posture_text(campaign: LiveMeasurement, following: PlannedReading) -> str:
 
 
 def force_text(following: PlannedReading) -> str:
-    """Return the force by size and direction."""
+    """Return the force of a planned reading as text: its magnitude in N, its direction, and its anchor."""
     size = math.hypot(*following.force)
     if not size:
         return "no load"
     anchor = "" if following.anchor is None else f" to anchor {following.anchor + 1}"
-    unit = ", ".join(f"{axis} {part / size:+.2f}" for axis, part in zip("xyz", following.force, strict=True))
+    direction = ", ".join(
+        f"{axis} {part / size:+.2f}" for axis, part in zip("xyz", following.force, strict=True)
+    )
+    # Within 0.8 degrees of straight down, the word is easier to read than three components.
     down = following.force[2] < -0.9999 * size
-    return f"{size:.0f} N {'down' if down else unit}{anchor}"
+    return f"{size:.0f} N {'down' if down else direction}{anchor}"

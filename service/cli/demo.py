@@ -102,10 +102,11 @@ def demo(
     port = 8000 if port is None and not once else port
     # The service is this process, not a child of it, so that no signal can leave one without the other; the
     # demonstration is a client in a thread of it that knows nothing but its address.
-    status = [0]
+    status = [0]  # exit status, in a list so that `show` can change it
 
     def show(address: str) -> None:
-        status[0] = 1  # unless it gets to its end
+        """Show the example on the service at an address; then end the service if it should not stay."""
+        status[0] = 1  # stays if the next line raises an error
         try:
             status[0] = _show_example(address, once=once)
         finally:
@@ -118,17 +119,17 @@ def demo(
         run_server(Settings(port=port or 0, database=database), show)
     except KeyboardInterrupt:
         pass
-    except SystemExit as ended:  # of the handler that heard SIGTERM, or of a server that could not start
+    except SystemExit as ended:  # raised by the handler of SIGTERM, or by a server that could not start
         if ended.code:
             raise
     raise typer.Exit(status[0])
 
 
 def _show_example(address: str, *, once: bool) -> int:
-    """Post the example, print what comes back, and the page's address if it stays; return the exit status.
+    """Post the example campaign and a comparison, and print their tables; return the exit status.
 
-    Each is posted once: of two demonstrations, one after the other or at the same time, both show what the
-    first stored.
+    Unless `once`, print the address of the run's page. The keys of the posts are made of their content, so
+    that a second demonstration shows the run and the comparison that the first one stored.
     """
     from jointstiff.schemas.fields import content_key
     from jointstiff.service.kinds.comparison.kind import COMPARISON
@@ -141,15 +142,16 @@ def _show_example(address: str, *, once: bool) -> int:
     from jointstiff.service.tables.terminal import console, printed, problem_text
     from jointstiff.simulator import default_arm, simulate_campaign
 
-    class Once(Client):
-        """A client whose comparisons have a key of their content, as its runs have."""
+    class ClientPostingOnce(Client):
+        """Client that posts comparisons with a key made of their content, as runs are posted."""
 
         def done(self, kind: Any, request: Any, files: Any, follow: Any) -> Any:  # noqa: ANN401 - a job
+            """Post a request with a key made of its content; return the job when it has ended."""
             text, jobs = json_text(request), getattr(self, kind.collection)
             return jobs.wait(jobs.create(text, key=content_key(text), files=files), follow)
 
     try:
-        with Once(address) as client:
+        with ClientPostingOnce(address) as client:
             client.ping()
             campaign = simulate_campaign(default_arm(), load="dead_weight", force=400.0, seed=1)
             run = client.runs.wait(client.post(campaign, once=True))

@@ -12,13 +12,19 @@ from jointstiff.service.process import collect_rarely, use_one_thread
 
 
 def main() -> None:
-    """Entry point of the command."""
-    interruptible = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # not so under nohup
+    """Run the command `jointstiff`.
+
+    Ctrl-C during the imports ends it without a traceback. A failed write to the standard output ends it with
+    status 2; the reason is printed unless the reader has closed the pipe.
+    """
+    interruptible = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # nohup ignores the signal
     if interruptible:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     use_one_thread()
     collect_rarely()
-    from jointstiff.service.cli.app import app  # here, as this is what takes long
+    from jointstiff.service.cli.app import (
+        app,
+    )  # imported here, after the signals are set: this import takes seconds
 
     if interruptible:
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -28,10 +34,12 @@ def main() -> None:
         finally:
             sys.stdout.flush()  # Python's own at the end would print a traceback
     except OSError as error:
-        if error.filename is not None:  # not the output
+        if error.filename is not None:  # an error of a named file, not of the standard output
             raise
+        # What is left in the buffer goes to /dev/null, so that Python prints no traceback at its end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        if error.errno != errno.EPIPE:  # whoever read the output had enough
+        if error.errno != errno.EPIPE:  # EPIPE: the reader, such as `head`, has closed the pipe
             with suppress(OSError):
-                print(f"cannot write: {error.strerror or error}\n  remedy: make room", file=sys.stderr)  # noqa: T201
+                reason = error.strerror or error
+                print(f"cannot write: {reason}\n  remedy: free space for the output", file=sys.stderr)  # noqa: T201
         sys.exit(2)

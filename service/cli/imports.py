@@ -18,11 +18,11 @@ from jointstiff.schemas.measurement import SetMetadata
 from jointstiff.service.cli import options as cli
 from jointstiff.service.cli.kinds import (
     field_options,
-    flag_of,
-    gathered,
-    in_options,
-    times,
-    worded,
+    gather_stated_fields,
+    name_options_in_problem,
+    name_options_in_text,
+    option_flag,
+    scale_numbers,
 )
 
 if TYPE_CHECKING:
@@ -34,10 +34,10 @@ if TYPE_CHECKING:
 
 Options = dict[str, Any]
 """Fields of the request of an import."""
-_LONGEST: Final = 24
-_LINES_SHOWN: Final = 8
+_MAX_CELL_LENGTH: Final = 24
+_MAX_LINES: Final = 8
 _STATES: Final = ("unloaded", "loaded", "deflection")
-_CHOICES: Final[Mapping[str, tuple[str, tuple[str, ...], str | None]]] = {
+_CHOICE_QUESTIONS: Final[Mapping[str, tuple[str, tuple[str, ...], str | None]]] = {
     "units.length": ("Unit of lengths", ("m", "mm", "in"), "mm"),
     "units.angle": ("Unit of angles", ("rad", "deg"), "deg"),
     "units.force": ("Unit of forces", ("N", "kN", "kgf"), "N"),
@@ -47,26 +47,28 @@ _CHOICES: Final[Mapping[str, tuple[str, tuple[str, ...], str | None]]] = {
     "state": ("State of the positions", _STATES, None),
     "encoders": ("Encoders that close the position loop", ("motor", "secondary"), "motor"),
 }
-"""Text, answers and default; without a default where a wrong one would read other numbers."""
+"""Question, possible answers and default of each option; None where a wrong default would change numbers."""
 
 
 def _parse_pair(text: str) -> tuple[str, str]:
-    """Return `KEY=VALUE` as both; a key may contain `=`."""
+    """Split the text `KEY=VALUE` at its last `=` into key and value; raise ValueError without a `=`."""
     key, equals, value = text.rpartition("=")
     if not equals:
         raise ValueError(f"'{text}' has no '='")
     return key.strip(), value.strip()
 
 
-def _target(text: str) -> tuple[str, tuple[float, ...]]:
+def _parse_flange_target(text: str) -> tuple[str, tuple[float, ...]]:
+    """Parse the text `TARGET=X,Y,Z` into the name of a target and its position in the flange frame [mm]."""
     target, place = _parse_pair(text)
-    return target, cli.vector_of(place)
+    return target, cli.parse_vector(place)
 
 
 def _split_header(text: str, delimiter: Delimiter | None) -> list[str]:
-    """Split a header by its file's delimiter; where it has none of those, by semicolons, tabs or commas.
+    """Split the text of a header into its cells.
 
-    A header without any of these signs is split by blanks.
+    The header is split at the first of these characters that it contains: the file's delimiter, semicolon,
+    tab, comma. A header without any of them is split at blanks.
     """
     from jointstiff.service.importing.grid import CHARACTERS
 
@@ -98,26 +100,26 @@ _FORMS: Final = {
         text="Standard uncertainty of a coordinate, in mm.",
     ),
     "load_point": Terminal(
-        "", "X,Y,Z[mm]", cli.vector_of, text="Point where the force acts, in the flange frame, in mm."
+        "", "X,Y,Z[mm]", cli.parse_vector, text="Point where the force acts, in the flange frame, in mm."
     ),
     "force": Terminal(
         "",
         "X,Y,Z[force]",
-        cli.vector_of,
+        cli.parse_vector,
         text="Force in every observation, axes of R0, in the unit of --units force=…, if no column has it.",
     ),
     "flange_targets": Terminal(
         "--flange-target",
         "TARGET=X,Y,Z[mm]",
-        _target,
+        _parse_flange_target,
         "dict",
         text="Target's position in the flange frame, in mm, for deflections.",
     ),
     **dict.fromkeys(("layouts", "length_unit", "robot_id", "show_faults"), Terminal(hidden=True)),
 }
-"""Forms of the fields of an import on the command line; those that are hidden have no option."""
-_LENGTHS: Final = frozenset(("noise", "load_point", "flange_targets"))
-"""Fields that are typed in mm."""
+"""Form of each field of an import as a command-line option; hidden fields have no option."""
+_LENGTH_FIELDS: Final = frozenset(("noise", "load_point", "flange_targets"))
+"""Fields whose values are typed in mm on the command line."""
 
 _OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
     "robot": (cli.NamedRobot, None),
@@ -164,8 +166,8 @@ _OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
 }
 
 
-def import_command() -> Callable[..., None]:
-    """Return the command, with an option for each field of the request."""
+def build_import_command() -> Callable[..., None]:
+    """Return the function of the command `import`, with an option for each field of `ImportRequest`."""
 
     def command(files: list[Path], **values: Any) -> None:  # noqa: ANN401 - by the signature below
         """Import files of readings as a campaign.
@@ -176,26 +178,33 @@ def import_command() -> Callable[..., None]:
         """
         if values["output"] is not None:
             cli.check_ending(values["output"], [".json"])
-        _import(files, gathered(ImportRequest, values, _FORMS), values)
+        _run_import(files, gather_stated_fields(ImportRequest, values, _FORMS), values)
 
     fields = {name: (one, None) for name, one in field_options(ImportRequest, _FORMS)}
     taken = Annotated[
         list[Path], cli.file_argument("FILES...", "Files of tables or point lists: text or Excel.")
     ]
-    cli.with_signature(command, {"files": (taken, ...), **fields, **_OPTIONS})
+    cli.set_signature(command, {"files": (taken, ...), **fields, **_OPTIONS})
     return command
 
 
-def _import(files: Sequence[Path], chosen: Options, values: Mapping[str, Any]) -> None:
+def _run_import(files: Sequence[Path], chosen: Options, values: Mapping[str, Any]) -> None:
+    """Read the files, ask for what is missing, print the preview, and write what was requested.
+
+    `chosen` are the fields of the request that options state, `values` the values of all options.
+
+    Raises:
+        typer.Exit: the readings have errors, something is missing, or a file cannot be written.
+    """
     from jointstiff.service.resources.documents import read_robot
 
     notes = _parse_notes(values["about"] or [])
     known = {} if values["template"] is None else _read_template(values["template"])
     stated = _merge_options(known, _with_length_unit(chosen, known))
-    asking = may_ask() and not values["as_json"]
+    asking = is_terminal_input() and not values["as_json"]
     robot = None if values["robot"] is None else read_robot(values["robot"])
     answer, stated = _read_and_ask(files, stated, robot, asking=asking)
-    if robot is None and asking and answer.measurement_set is not None and (named := ask_robot()):
+    if robot is None and asking and answer.measurement_set is not None and (named := ask_for_robot()):
         robot = read_robot(named)
         answer, _ = _read_and_ask(files, stated, robot, asking=False)
     if robot is not None and answer.bodies:
@@ -203,7 +212,7 @@ def _import(files: Sequence[Path], chosen: Options, values: Mapping[str, Any]) -
     if answer.measurement_set is not None:
         noted = answer.measurement_set.model_copy(update=notes)
         answer = answer.model_copy(update={"measurement_set": noted})
-    _show(answer, as_json=values["as_json"])
+    _print_answer(answer, as_json=values["as_json"])
     if values["save_template"] is not None:
         _write_template(values["save_template"], answer, overwrite=values["overwrite"])
     if has_errors(answer) and not values["despite_errors"]:
@@ -214,7 +223,8 @@ def _import(files: Sequence[Path], chosen: Options, values: Mapping[str, Any]) -
         _write_campaign(values["output"], answer, robot, overwrite=values["overwrite"])
 
 
-def _show(answer: ImportAnswer, *, as_json: bool) -> None:
+def _print_answer(answer: ImportAnswer, *, as_json: bool) -> None:
+    """Print what the files mean, as JSON or as the report for a terminal."""
     from jointstiff.service.tables.terminal import console, printed
 
     if as_json:
@@ -224,7 +234,7 @@ def _show(answer: ImportAnswer, *, as_json: bool) -> None:
 
 
 def _merge_options(options: Options, others: Options) -> Options:
-    """Return options with others over them; of dictionaries, such as units, entry by entry."""
+    """Return options, replaced by `others` where these state a field; dictionaries are merged by entry."""
     merged = dict(options)
     for field, value in others.items():
         before = merged.get(field)
@@ -233,46 +243,52 @@ def _merge_options(options: Options, others: Options) -> Options:
 
 
 def _with_length_unit(stated: Options, template: Options) -> Options:
-    """Return options with their lengths, which are in mm, in the unit of a template's lengths."""
-    lengths = {name: value for name, value in stated.items() if name in _LENGTHS}
+    """Return options whose lengths, typed in mm, are converted to the length unit of a template (mm or m)."""
+    lengths = {name: value for name, value in stated.items() if name in _LENGTH_FIELDS}
     if not lengths:
         return stated
     unit = template.get("length_unit", "mm")
     if unit == "m":
-        lengths = times(1e-3, lengths)
+        lengths = scale_numbers(1e-3, lengths)
     return {**stated, **lengths, "length_unit": "m" if unit == "m" else "mm"}
 
 
 def _read_and_ask(
     files: Sequence[Path], stated: Options, robot: RobotDocument | None, *, asking: bool
 ) -> tuple[ImportAnswer, Options]:
-    """Return what the files say, in words of options, and all options with those that a person answers."""
+    """Read the files; with `asking`, ask a person for missing options until nothing is missing.
+
+    Return the answer, whose texts name command-line options in place of fields, and all options, including
+    those that the person stated.
+    """
     from jointstiff.service.resources.documents import parse_document
     from jointstiff.service.resources.imports import import_files
 
-    sources, known, measured = _read(files), set[str](), None
-    with _as_options():
+    sources, known, measured = _read_sources(files), set[str](), None
+    with _options_in_errors():
         if robot is not None:
             from jointstiff.service.conversion.prepared import prepare_robot  # with numerics
 
             measured = prepare_robot(robot).robot
         while asking:
-            request = parse_document(_with_cells(stated, sources) | {"show_faults": True}, ImportRequest)
-            given = ask(import_files(sources, request, measured), known)
+            request = parse_document(
+                _with_split_header(stated, sources) | {"show_faults": True}, ImportRequest
+            )
+            given = ask_for_missing(import_files(sources, request, measured), known)
             if not given:
                 break
             stated = _merge_options(stated, _with_length_unit(given, stated))
-        request = parse_document(_with_cells(stated, sources), ImportRequest)
+        request = parse_document(_with_split_header(stated, sources), ImportRequest)
         answer = import_files(sources, request, measured)
     findings = answer.findings and [
-        finding.model_copy(update={"remedy": _in_option_names(finding.remedy)}) for finding in answer.findings
+        finding.model_copy(update={"remedy": _name_options(finding.remedy)}) for finding in answer.findings
     ]
-    missing = [_in_option_names(text) for text in answer.missing]
+    missing = [_name_options(text) for text in answer.missing]
     return answer.model_copy(update={"missing": missing, "findings": findings}), stated
 
 
-def _with_cells(stated: Options, sources: Sequence[SourceFile]) -> Options:
-    """Return options with the cells of a header that was typed as one text."""
+def _with_split_header(stated: Options, sources: Sequence[SourceFile]) -> Options:
+    """Return options in which a header that was typed as one text is split into its cells."""
     from jointstiff.service.importing.reading import delimiter_of
 
     if not isinstance(header := stated.get("header"), str):
@@ -283,31 +299,32 @@ def _with_cells(stated: Options, sources: Sequence[SourceFile]) -> Options:
 
 
 @contextmanager
-def _as_options() -> Iterator[None]:
-    """Name options in place of fields where files or options are refused."""
+def _options_in_errors() -> Iterator[None]:
+    """Change errors raised in the block: their texts name command-line options in place of fields."""
     from jointstiff.service.problems import CampaignError, FilesError, problem_of
 
     try:
         yield
     except FilesError as error:
-        raise CampaignError(in_options(ImportRequest, problem_of(error), _FORMS)) from error
+        raise CampaignError(name_options_in_problem(ImportRequest, problem_of(error), _FORMS)) from error
     except CampaignError as error:
-        problem = in_options(ImportRequest, error.problem, _FORMS)
+        problem = name_options_in_problem(ImportRequest, error.problem, _FORMS)
         where = problem.where or ""
         name, _, rest = where.partition(".")
         if name in ImportRequest.model_fields:
-            place = f"{flag_of(ImportRequest, name, _FORMS)} {rest}".rstrip()
+            place = f"{option_flag(ImportRequest, name, _FORMS)} {rest}".rstrip()
             changes = {"where": place, "detail": problem.detail.replace(where, place)}
             problem = problem.model_copy(update=changes)
         raise CampaignError(problem) from None
 
 
-def _in_option_names(text: str) -> str:
-    return worded(ImportRequest, text, _FORMS)
+def _name_options(text: str) -> str:
+    """Return a text that names command-line options in place of the fields of `ImportRequest`."""
+    return name_options_in_text(ImportRequest, text, _FORMS)
 
 
-def _read(files: Sequence[Path]) -> list[SourceFile]:
-    """Return the files, no more of them than an import takes."""
+def _read_sources(files: Sequence[Path]) -> list[SourceFile]:
+    """Read the files, together at most one byte more than an import accepts, which then refuses them."""
     from jointstiff.service.importing.grid import MAX_FILE_BYTES
     from jointstiff.service.importing.reading import SourceFile
 
@@ -321,10 +338,10 @@ def _read(files: Sequence[Path]) -> list[SourceFile]:
 
 
 def _parse_notes(texts: Sequence[str]) -> dict[str, Any]:
-    """Return what `--about KEY=VALUE` says of a set.
+    """Parse the values of `--about KEY=VALUE` into fields of a measurement set's metadata.
 
     Raises:
-        CampaignError: a key or a value is none.
+        CampaignError: a key or a value is not valid.
     """
     from jointstiff.service.problems import CampaignError
     from jointstiff.service.resources.documents import parse_document
@@ -339,25 +356,26 @@ def _parse_notes(texts: Sequence[str]) -> dict[str, Any]:
 
 
 def _read_template(path: Path) -> Options:
+    """Read the template of an earlier import; return the fields that it states."""
     from jointstiff.service.resources.documents import read_document
 
     known: Options = read_document(path, ImportRequest).model_dump(mode="json", exclude_defaults=True)
     if "length_unit" not in known and (known.get("units") or {}).get("length") == "m":
-        known["length_unit"] = "m"  # lengths of a template without it are in the files' unit
+        known["length_unit"] = "m"  # without the field, a template's lengths are in the unit of its files
     return known
 
 
 def _write_template(path: Path, answer: ImportAnswer, *, overwrite: bool) -> None:
-    """Write the template of an import.
+    """Write the template of an import, its options, to a JSON file.
 
     Raises:
-        typer.Exit: something is missing, or the file cannot be written.
+        typer.Exit: information is missing, or the file cannot be written.
     """
     if answer.template is None:
         if not answer.missing:
             reason = "no template was written: the files have too many columns, or too long headers"
-            raise cli.failed(reason, "ignore columns that are not needed, in smaller files")
-        raise cli.failed(f"no template was written: {'; '.join(answer.missing)} missing", "add it")
+            raise cli.print_failure(reason, "ignore columns that are not needed, in smaller files")
+        raise cli.print_failure(f"no template was written: {'; '.join(answer.missing)} missing", "add it")
     cli.refuse_existing(path, overwrite=overwrite)
     template = answer.template.model_dump(mode="json", exclude_defaults=True)
     cli.write_json(path, template)
@@ -366,17 +384,19 @@ def _write_template(path: Path, answer: ImportAnswer, *, overwrite: bool) -> Non
 def _write_campaign(
     path: Path, answer: ImportAnswer, robot: RobotDocument | None, *, overwrite: bool
 ) -> None:
-    """Write a campaign, or without a robot the measurement set; unloaded poses if the files have no more.
+    """Write a campaign file; without a robot, write only the measurement set.
+
+    If only unloaded positions were read, write unloaded poses, with the robot if it is known.
 
     Raises:
-        typer.Exit: something is missing, or the file cannot be written.
+        typer.Exit: information is missing, or the file cannot be written.
     """
     from jointstiff.service.problems import http_problem
 
     readings = answer.measurement_set or answer.geometry
     if readings is None:
         missing = "; ".join(answer.missing)
-        raise cli.refused(
+        raise cli.print_problem(
             http_problem(422, f"nothing was written, because this is missing: {missing}", "add it")
         )
     cli.refuse_existing(path, overwrite=overwrite)
@@ -399,25 +419,25 @@ def _write_campaign(
     typer.echo(f"wrote {path}, {what}; now: {command}", err=True)
 
 
-def may_ask() -> bool:
-    """Return whether a person is there to answer."""
+def is_terminal_input() -> bool:
+    """Return whether the standard input is a terminal, so that a person can answer questions."""
     return sys.stdin.isatty()
 
 
-def ask(answer: ImportAnswer, known: set[str]) -> Options:
-    """Ask for what is missing in an answer.
+def ask_for_missing(answer: ImportAnswer, known: set[str]) -> Options:
+    """Ask a person for the options that are missing in an answer.
 
     Args:
-        answer: with faults and missing fields.
-        known: options that a question was about before, which is not repeated; extended.
+        answer: result of an import, with faults and missing fields.
+        known: names of options that were asked before and are not asked again; new names are added to it.
 
     Returns:
-        The options of the API that were answered; empty if nothing remains to be asked.
+        Fields of the request that the person stated; empty if no question is left.
     """
     given: Options = {}
     faults = [fault.option for fault in answer.faults if fault.option is not None]
     for option in dict.fromkeys([*faults, *answer.missing_fields]):
-        for name, question in _questions(option, answer):
+        for name, question in _find_questions(option, answer):
             if name not in known:
                 if not known:
                     typer.echo(_HOW_TO_ANSWER, err=True)
@@ -431,29 +451,29 @@ def ask(answer: ImportAnswer, known: set[str]) -> Options:
     return given
 
 
-def ask_robot() -> str | None:
-    """Ask for the robot: its file, or the name of an arm of the catalogue."""
+def ask_for_robot() -> str | None:
+    """Ask for the measured robot; return its file or the name of an arm; None if the answer is `none`."""
     text: str = typer.prompt(
         "Measured robot, for the integrity checks: file or arm", default="none", err=True
     )
     return None if text == "none" else text
 
 
-_HOW_TO_ANSWER: Final = (
-    "Enter alone takes the answer in brackets; a question without one is asked until it is answered."
-)
+_HOW_TO_ANSWER: Final = "Press Enter for the answer in brackets; a question without brackets needs an answer."
 
 
-def _questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Callable[[], object]]]:
-    """Yield name and question of each option that settles something."""
+def _find_questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Callable[[], object]]]:
+    """Yield the questions about an option: a name, and a function that asks and returns the value."""
     if option in _QUESTIONS:
         yield option, _QUESTIONS[option]
     elif option == "flange_targets":
         for target in answer.targets:
             text = f"{target} in the flange frame, X,Y,Z in mm"
-            yield f"flange_targets.{target}", partial(_vector, text, None)
+            yield f"flange_targets.{target}", partial(_ask_vector, text, None)
     elif option == "state_words":
-        yield from _ask_states(next(fault.words for fault in answer.faults if fault.option == option))
+        yield from _find_state_questions(
+            next(fault.words for fault in answer.faults if fault.option == option)
+        )
     elif option == "accept_unusual":
         doubtful = answer.missing[answer.missing_fields.index("accept_unusual")].partition("right: ")[2]
         yield option, partial(typer.confirm, f"Is this right: {doubtful}?", default=False, err=True)
@@ -465,6 +485,8 @@ def _questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Callabl
 
 
 def _prompt_choice(text: str, choices: tuple[str, ...], default: str | None) -> str:
+    """Ask until the answer is one of the choices; return it. Enter alone returns the default."""
+
     def checked(value: str) -> str:
         if value not in choices:
             raise typer.BadParameter(f"answer {', '.join(choices)}")
@@ -476,30 +498,31 @@ def _prompt_choice(text: str, choices: tuple[str, ...], default: str | None) -> 
     return answer
 
 
-def _ask_states(words: Sequence[str]) -> Iterator[tuple[str, Callable[[], object]]]:
-    """Ask which of two words is without load, or what one word means."""
+def _find_state_questions(words: Sequence[str]) -> Iterator[tuple[str, Callable[[], object]]]:
+    """Yield name and function of a question: which of two words means no load, or what one word means."""
     if len(words) > 1:
 
-        def both() -> dict[str, str]:
+        def ask_unloaded_word() -> dict[str, str]:
             unloaded = _prompt_choice("Word for readings without load", tuple(words), words[0])
             return {word: "unloaded" if word == unloaded else "loaded" for word in words}
 
-        yield "state_words", both
+        yield "state_words", ask_unloaded_word
     for word in words if len(words) == 1 else ():
         yield f"state_words.{word}", partial(_prompt_choice, f"State that {word!r} means", _STATES, None)
 
 
-def _vector(text: str, default: str | None) -> tuple[float, ...]:
-    answer: tuple[float, ...] = typer.prompt(text, default=default, value_proc=cli.vector_of, err=True)
+def _ask_vector(text: str, default: str | None) -> tuple[float, ...]:
+    """Ask for three numbers `X,Y,Z` and return them."""
+    answer: tuple[float, ...] = typer.prompt(text, default=default, value_proc=cli.parse_vector, err=True)
     return answer
 
 
 _QUESTIONS: Final[Mapping[str, Callable[[], object]]] = {
-    **{option: partial(_prompt_choice, *question) for option, question in _CHOICES.items()},
+    **{option: partial(_prompt_choice, *question) for option, question in _CHOICE_QUESTIONS.items()},
     "load_point": partial(
-        _vector, "Load point in the flange frame, X,Y,Z in mm (at the flange: 0,0,0)", None
+        _ask_vector, "Load point in the flange frame, X,Y,Z in mm (at the flange: 0,0,0)", None
     ),
-    "force": partial(_vector, "Force on the robot in R0, X,Y,Z", None),
+    "force": partial(_ask_vector, "Force on the robot in R0, X,Y,Z", None),
     "by_order": partial(typer.confirm, "Number the rows of files without names?", default=False, err=True),
     "allow_missing": partial(typer.confirm, "Skip incomplete readings?", default=False, err=True),
     "sheet": partial(typer.prompt, "Sheet", err=True),
@@ -510,12 +533,12 @@ _QUESTIONS: Final[Mapping[str, Callable[[], object]]] = {
 
 
 def has_errors(answer: ImportAnswer) -> bool:
-    """Return whether the inspection of the readings finds errors."""
+    """Return whether the inspection found an error for which the readings must not be used."""
     return any(finding.weight == "do_not_use" for finding in answer.findings or ())
 
 
 def import_report(answer: ImportAnswer) -> list[Part]:
-    """Return each file with its columns, then all of them together, then what is missing."""
+    """Return the preview of an import: files with their columns, totals, what is missing, and findings."""
     from jointstiff.service.tables.table import Line, text_table
 
     parts: list[Part] = []
@@ -535,8 +558,11 @@ def import_report(answer: ImportAnswer) -> list[Part]:
             for column in file.columns
         ]
         head = ["", "header", "read as", "unit", "first values"]
-        parts += [Line(f"{file.file}: {_dialect(file)}", "title"), text_table(head, rows, texts=[1, 2, 3, 4])]
-        parts += _lines(file.assumptions, "assumed: ")
+        parts += [
+            Line(f"{file.file}: {_describe_format(file)}", "title"),
+            text_table(head, rows, texts=[1, 2, 3, 4]),
+        ]
+        parts += _first_lines(file.assumptions, "assumed: ")
     joints = "no joint angles" if answer.joint_count is None else f"{answer.joint_count} joints"
     targets, states = ", ".join(answer.targets) or "none", ", ".join(answer.states) or "none"
     more = ", …" if answer.observation_count > len(answer.first_labels) else ""
@@ -544,7 +570,7 @@ def import_report(answer: ImportAnswer) -> list[Part]:
         f"  {answer.observation_count} observations ({', '.join(answer.first_labels)}{more}), {joints}, "
         f"{answer.reading_count} complete readings; targets: {targets}; states: {states}"
     )
-    parts += [Line(counted), *_lines(answer.assumptions, "assumed: ")]
+    parts += [Line(counted), *_first_lines(answer.assumptions, "assumed: ")]
     if answer.geometry is not None and answer.measurement_set is None:
         parts.append(
             Line(f"  complete: {len(answer.geometry.poses or ())} unloaded poses for a geometry", "good")
@@ -553,15 +579,15 @@ def import_report(answer: ImportAnswer) -> list[Part]:
         total = sum(body.mass for body in answer.bodies)
         parts.append(Line(f"  masses: {len(answer.bodies)} bodies, {total:g} kg together"))
     if answer.missing:
-        parts += _lines(answer.missing, "missing: ", "care")
+        parts += _first_lines(answer.missing, "missing: ", "care")
     elif not has_errors(answer):
         own = "" if answer.geometry is None else " for the robot's own weight"
         parts.append(Line(f"  complete: a measurement set{own}", "good"))
-    return [*parts, *_findings(answer)]
+    return [*parts, *_finding_lines(answer)]
 
 
-def _findings(answer: ImportAnswer) -> Iterator[Line]:
-    """Yield the integrity findings, if a robot is known."""
+def _finding_lines(answer: ImportAnswer) -> Iterator[Line]:
+    """Yield a line for each finding of the integrity checks; nothing without a robot."""
     from jointstiff.service.tables.report import VERDICTS
     from jointstiff.service.tables.table import Line
 
@@ -577,23 +603,25 @@ def _findings(answer: ImportAnswer) -> Iterator[Line]:
         yield Line(f"  {weight}: {place}{finding.message}{remedy}", style)
 
 
-def _dialect(file: FilePreview) -> str:
-    """Describe the file's format."""
+def _describe_format(file: FilePreview) -> str:
+    """Describe encoding, delimiter, decimal mark and number of rows of a file, or the sheet of a workbook."""
     rows = f"{file.row_count} row{'s' if file.row_count != 1 else ''}"
     if file.format == "xlsx":
         return f"Excel, sheet {file.sheet!r}, {rows}"
     return f"{file.encoding}, {file.delimiter} between cells, decimal {file.decimal_mark}, {rows}"
 
 
-def _lines(texts: list[str], lead: str, style: Any = "dim") -> Iterator[Line]:  # noqa: ANN401 - a style
+def _first_lines(texts: list[str], lead: str, style: Any = "dim") -> Iterator[Line]:  # noqa: ANN401 - a style
+    """Yield the first `_MAX_LINES` texts as lines, and how many more there are."""
     from jointstiff.service.tables.table import Line
 
-    for text in texts[:_LINES_SHOWN]:
+    for text in texts[:_MAX_LINES]:
         yield Line(f"  {lead}{text}", style)
-    if len(texts) > _LINES_SHOWN:
-        yield Line(f"  {lead}{len(texts) - _LINES_SHOWN} more (--json shows all)", style)
+    if len(texts) > _MAX_LINES:
+        yield Line(f"  {lead}{len(texts) - _MAX_LINES} more (--json shows all)", style)
 
 
 def _shorten(text: str) -> str:
+    """Return a text cut to `_MAX_CELL_LENGTH` characters, with unprintable ones replaced."""
     printable = "".join(character if character.isprintable() else "\ufffd" for character in text)
-    return printable if len(printable) <= _LONGEST else printable[: _LONGEST - 1] + "…"
+    return printable if len(printable) <= _MAX_CELL_LENGTH else printable[: _MAX_CELL_LENGTH - 1] + "…"

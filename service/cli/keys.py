@@ -83,7 +83,7 @@ def list_keys(*, database: DatabaseUrl = "sqlite:///jointstiff.db", keys_file: K
 
     with _open_keys(database, keys_file) as (kept, _):
         found = [described(key, is_filed=keys_file is not None) for key in kept.all()]
-    console().print(printed([keys_table(found, datetime.now(UTC))]))
+    console().print(printed([make_keys_table(found, datetime.now(UTC))]))
 
 
 @keys.command()
@@ -115,10 +115,10 @@ def link(
     with _open_keys(database, keys_file) as (kept, _):
         found = {key.id: key for key in kept.all()}.get(key_id)
     if found is None or not found.is_live(now):
-        raise cli.failed(f"the service has no key {key_id!r}", "see `jointstiff keys list`")
+        raise cli.print_failure(f"the service has no key {key_id!r}", "see `jointstiff keys list`")
     with Store.open(database) as store:
         store.sessions.offer(digest(token), key_id, now, now + LINK_TIME)
-        _audit(store, found, "POST", "createLink", 201)
+        _record_in_audit(store, found, "POST", "createLink", 201)
     address = f"{server.rstrip('/')}/#/sign-in/{token}"  # after #: no server and no log sees it
     segno.make(address, error="l", micro=False).terminal(compact=True)
     typer.echo(address)
@@ -129,11 +129,13 @@ def link(
 def _open_keys(
     database: str, keys_file: Path | None, *, is_new: bool = False
 ) -> Iterator[tuple[KeysFile | AccessKeys, Note]]:
-    """Open the keys of a file, or of a database, which is made only where it may be new; and its audit.
+    """Open the keys of a file or of a database; yield the keys, and a function that writes the audit.
+
+    A missing database is created only if `is_new`. Changes of a file of keys are not written to any audit.
 
     Raises:
-        StoreError: the database is not there, or cannot be used.
-        typer.Exit: there is no such key.
+        StoreError: the database is missing or cannot be used.
+        typer.Exit: the block names a key that does not exist.
     """
     from jointstiff.service.problems import NotFoundError
     from jointstiff.service.security import keys as filed
@@ -147,13 +149,13 @@ def _open_keys(
         if not is_new:
             open_existing(database).close()
         with Store.open(database) as store:
-            yield store.keys, partial(_audit, store)
+            yield store.keys, partial(_record_in_audit, store)
     except NotFoundError as error:
-        raise cli.failed(error.reason, "see `jointstiff keys list` for the ids") from error
+        raise cli.print_failure(error.reason, "see `jointstiff keys list` for the ids") from error
 
 
-def _audit(store: Store, key: AccessKey, method: str, operation: str, status: int) -> None:
-    """Write into the audit what was done at the terminal."""
+def _record_in_audit(store: Store, key: AccessKey, method: str, operation: str, status: int) -> None:
+    """Write an entry into the audit: the operation on a key that a command carried out at the terminal."""
     from jointstiff.service.store.tables import AuditEntry
 
     store.audit.add(
@@ -170,30 +172,32 @@ def _audit(store: Store, key: AccessKey, method: str, operation: str, status: in
     )
 
 
-def keys_table(keys: Sequence[Key], now: datetime) -> Table:
-    """Return a table of keys, times in UTC."""
+def make_keys_table(keys: Sequence[Key], now: datetime) -> Table:
+    """Return a table of keys with role, validity and times in UTC."""
     from jointstiff.service.tables.table import Column, Table
 
     columns: dict[str, list[str]] = {
         "id": [key.id for key in keys],
         "name": [key.name for key in keys],
         "role": [key.role for key in keys],
-        "state": [_state(key, now) for key in keys],
-        "made": [_time(key.created_at) for key in keys],
-        "last used": [_time(key.last_used_at) for key in keys],
+        "state": [_describe_validity(key, now) for key in keys],
+        "made": [_format_time(key.created_at) for key in keys],
+        "last used": [_format_time(key.last_used_at) for key in keys],
     }
     return Table(
         [Column(name, cells, text=True) for name, cells in columns.items()], title="Keys, times in UTC"
     )
 
 
-def _state(key: Key, now: datetime) -> str:
+def _describe_validity(key: Key, now: datetime) -> str:
+    """Return as text whether a key is valid, expired or revoked, with the time."""
     if key.revoked_at is not None:
-        return f"revoked {_time(key.revoked_at)}"
+        return f"revoked {_format_time(key.revoked_at)}"
     if key.expires_at is None:
         return "valid"
-    return f"{'valid until' if now < key.expires_at else 'expired'} {_time(key.expires_at)}"
+    return f"{'valid until' if now < key.expires_at else 'expired'} {_format_time(key.expires_at)}"
 
 
-def _time(time: datetime | None) -> str:
+def _format_time(time: datetime | None) -> str:
+    """Return a time to the minute as text; a dash for None."""
     return "—" if time is None else f"{time:%Y-%m-%d %H:%M}"

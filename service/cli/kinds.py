@@ -36,7 +36,8 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
         "second": Annotated[
             Path | None,
             cli.file_argument(
-                "[SECOND]", "Campaign to compare with: on secondary encoders, after a change, a twin."
+                "[SECOND]",
+                "Campaign to compare with: on secondary encoders, after a change, or of a twin robot.",
             ),
         ],
     },
@@ -58,39 +59,39 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
         "program": Annotated[list[Path], cli.file_argument("PROGRAM", "Robot program; a .src with its .dat.")]
     },
 }
-"""Arguments of a command by what its kind is made of."""
+"""Arguments of a command, by the name of the source that its kind of work is made from."""
 _Options = Annotated[Path | None, cli.file_option("JSON file with further options, named as in the API.")]
 _Output = Annotated[Path | None, cli.output_option("File to write the table to; its suffix sets the format.")]
 _AsCsv = Annotated[bool, typer.Option("--csv", help="Print CSV for spreadsheets.")]
 
 
 Forms = Mapping[str, Terminal]
-_PLAIN: Final[Forms] = MappingProxyType({})
-_ARM: Final = 6  # joints of an arm whose programs are compensated; others in a posture are linear axes
+_NO_FORMS: Final[Forms] = MappingProxyType({})
+_JOINTS_OF_ARM: Final = 6  # number of an arm's joints; further joints of a posture are linear axes
 
 
 class Parsed:
-    """A value that its option has parsed."""
+    """Marker type of options whose own parser returns the value."""
 
 
 @dataclass(frozen=True)
-class _Extra:
-    """Options of a command in addition to those of its kind's messages: files of the result."""
+class _FileOptions:
+    """Options of a command about files, in addition to the fields of its kind's message; and what they do."""
 
     options: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)  # annotation and default by name
     endings: tuple[str, ...] = ()  # of the file that `output` names, if it is no table
     passed: tuple[str, ...] = ()  # names of those that the function of the work takes
-    # writes files of a job that has a result; returns the job to show
+    # writes files of a job with a result; returns the job to print
     finish: Callable[[Any, _Values, Sequence[Any]], Any] = lambda job, _values, _sources: job
-    # does something else in place of the work; returns whether it did
+    # does something else in place of the work, such as --explain; returns whether it did
     instead: Callable[[_Values, Sequence[Any]], bool] = lambda _values, _sources: False
     # paths that the command will write
     written: Callable[[_Values, Sequence[Any]], Sequence[Path | None]] = lambda _values, _sources: ()
 
 
-def command_of(name: str) -> Callable[..., None]:
-    """Return the command of a kind of work, with a signature that Typer reads."""
-    kind, extra = kind_of(name), _EXTRAS.get(name, _Extra())
+def build_command(name: str) -> Callable[..., None]:
+    """Return the function of the command of a kind of work, such as `identify`, with its options."""
+    kind, files = kind_of(name), _FILE_OPTIONS.get(name, _FileOptions())
     sources: dict[str, tuple[Any, Any]] = {
         key: (one, None if key == "second" else ...)
         for source in kind.sources
@@ -98,48 +99,49 @@ def command_of(name: str) -> Callable[..., None]:
     }
     fields = {key: (one, None) for key, one in field_options(kind.options)}
     endings = [f".{file.suffix}" for file in kind.files]
-    tabled = "output" not in extra.options and ".csv" in endings
+    tabled = "output" not in files.options and ".csv" in endings
 
     def command(**values: Any) -> None:  # noqa: ANN401 - by the signature below
+        # Checks of the files to write come first, so that no work is lost to a name that cannot be used.
         given = [values[key] for key in sources if values[key] is not None]
-        if extra.instead(values, given):
+        if files.instead(values, given):
             return
         output = values.get("output")
-        if output is not None and (tabled or extra.endings):
-            cli.check_ending(output, endings if tabled else extra.endings, reported=True)
-        written = list(filter(None, [output if tabled else None, *extra.written(values, given)]))
+        if output is not None and (tabled or files.endings):
+            cli.check_ending(output, endings if tabled else files.endings, reported=True)
+        written = list(filter(None, [output if tabled else None, *files.written(values, given)]))
         for path in written:
             cli.refuse_existing(path, overwrite=values.get("overwrite", False))
-        passed = {key: values[key] for key in extra.passed if values[key] is not None}
-        job = _carry_out(kind, given, gathered(kind.options, values) | passed, values)
+        passed = {key: values[key] for key in files.passed if values[key] is not None}
+        job = _run_work(kind, given, gather_stated_fields(kind.options, values) | passed, values)
         if job.result is not None:
-            job = extra.finish(job, values, given)
+            job = files.finish(job, values, given)
             if tabled and output is not None:
                 output.write_bytes(job.table(output.suffix[1:]))
             for path in written:
                 cli.warn(f"wrote {path}")
-        _show(kind, job, values)
+        _print_job(kind, job, values)
 
     others: dict[str, tuple[Any, Any]] = {"options": (_Options, None)}
     others |= {"run": (cli.RunFile, None)} if "run" in kind.sources else {}
-    others |= dict(extra.options) | ({"output": (_Output, None), "as_csv": (_AsCsv, False)} if tabled else {})
+    others |= dict(files.options) | ({"output": (_Output, None), "as_csv": (_AsCsv, False)} if tabled else {})
     others |= {"overwrite": (cli.Overwrite, False)} if "output" in others else {}
     others |= {"unit": (cli.Unit, "MNm/rad"), "details": (cli.Details, False), "as_json": (cli.AsJson, False)}
-    cli.with_signature(command, sources | fields | others)
+    cli.set_signature(command, sources | fields | others)
     command.__doc__ = f"{ROOMS[name].summary}\n\ndocs/glossary.md explains the terms."
     return command
 
 
-_POINTS: Final[Forms] = MappingProxyType(
+_POINT_FORMS: Final[Forms] = MappingProxyType(
     {
         "load_point": Terminal(
             metavar="X,Y,Z[mm]",
-            parse=cli.point_of,
+            parse=cli.parse_point,
             text="Point where the force acts, in the flange frame, in mm.",
         ),
         "place": Terminal(
             metavar="X,Y,Z[mm]",
-            parse=cli.point_of,
+            parse=cli.parse_point,
             text="Point whose deflection is predicted, in the flange frame, in mm; default: the load point.",
         ),
     }
@@ -152,12 +154,12 @@ _Postures = Annotated[
 ]
 
 
-def predict_command() -> Callable[..., None]:
-    """Return the command `predict`, with an option for each field of its request."""
+def build_predict_command() -> Callable[..., None]:
+    """Return the function of the command `predict`, with an option for each field of its request."""
 
     def command(file: Path, postures: Path, **values: Any) -> None:  # noqa: ANN401 - by the signature below
         """Predict deflections in given postures under given loads."""
-        from jointstiff.service.cli.models import identified
+        from jointstiff.service.cli.models import read_or_identify_run
         from jointstiff.service.library import here
         from jointstiff.service.runs.deflection import prediction_csv, prediction_parts
         from jointstiff.service.tables.terminal import console, printed
@@ -165,8 +167,8 @@ def predict_command() -> Callable[..., None]:
         if values["output"] is not None:
             cli.check_ending(values["output"], [".csv"])
             cli.refuse_existing(values["output"], overwrite=values["overwrite"])
-        stated = gathered(DeflectionOptions, values, _POINTS)
-        result = here.predict(identified(file, values["run"]), postures, **stated)
+        stated = gather_stated_fields(DeflectionOptions, values, _POINT_FORMS)
+        result = here.predict(read_or_identify_run(file, values["run"]), postures, **stated)
         for remark in result.remarks:
             typer.echo(remark, err=True)
         if values["output"] is not None:
@@ -177,26 +179,32 @@ def predict_command() -> Callable[..., None]:
             console().print(printed(prediction_parts(result)))
 
     sources = {"file": (cli.CampaignFile, ...), "postures": (_Postures, ...), "run": (cli.RunFile, None)}
-    fields = {key: (one, None) for key, one in field_options(DeflectionOptions, _POINTS)}
-    output = _optional(cli.output_option("CSV file to write all numbers to."))
+    fields = {key: (one, None) for key, one in field_options(DeflectionOptions, _POINT_FORMS)}
+    output = _optional_parameter(cli.output_option("CSV file to write all numbers to."))
     shown = {"output": output, "overwrite": (cli.Overwrite, False), "as_json": (cli.AsJson, False)}
-    cli.with_signature(command, sources | fields | shown)
+    cli.set_signature(command, sources | fields | shown)
     return command
 
 
-def _carry_out(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: _Values) -> Job:
-    """Carry the work out, as `import jointstiff` does."""
+def _run_work(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: _Values) -> Job:
+    """Do the work of a command in this process; return the job.
+
+    `stated` are the fields that options of the command state; they replace those of the file `--options`.
+
+    Raises:
+        CampaignError: sources or options cannot be used; the texts name options in place of fields.
+    """
     from jointstiff.schemas.run import Run
-    from jointstiff.service.library.here import Here, run_of
+    from jointstiff.service.library.here import Here, attach_campaign
     from jointstiff.service.problems import CampaignError
     from jointstiff.service.resources.documents import campaign_of, read_document, read_object
     from jointstiff.service.tables.terminal import progress_bar
 
     if values["options"] is not None:
         options = read_object(values["options"])
-        stated = options | _in_units_of(options, kind.options, stated)
+        stated = options | _convert_to_file_units(options, kind.options, stated)
     if values.get("run") is not None:
-        sources = [run_of(read_document(values["run"], Run), campaign_of(sources[0])), *sources[1:]]
+        sources = [attach_campaign(read_document(values["run"], Run), campaign_of(sources[0])), *sources[1:]]
     given = [each for source in sources for each in (source if isinstance(source, list) else [source])]
     do = getattr(Here(), ROOMS[kind.name].command)
     try:
@@ -204,16 +212,18 @@ def _carry_out(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values
         with progress_bar(shown=stepped) as tell:
             job: Job = do(*given, on_progress=tell if stepped else None, **stated)
     except CampaignError as error:
-        raise CampaignError(in_options(kind.options, error.problem)) from error
+        raise CampaignError(name_options_in_problem(kind.options, error.problem)) from error
     return job
 
 
-def _in_units_of(file: dict[str, Any], message: type[Message], stated: dict[str, Any]) -> dict[str, Any]:
-    """Return options of the command, in m, deg and N, in the units that a file of options states.
+def _convert_to_file_units(
+    file: dict[str, Any], message: type[Message], stated: dict[str, Any]
+) -> dict[str, Any]:
+    """Convert options of the command, in m, deg and N, to the units that a file of options states.
 
     Raises:
-        typer.BadParameter: a posture has more joints than an arm, so linear axes, and the file's unit of
-            angles is another.
+        typer.BadParameter: a posture has more joints than an arm, which are linear axes, and the file states
+            angles in another unit than deg.
     """
     from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH
 
@@ -223,69 +233,77 @@ def _in_units_of(file: dict[str, Any], message: type[Message], stated: dict[str,
     sizes = {"m": ("length", LENGTH), "deg": ("angle", ANGLE), "N": ("force", FORCE)}
     scaled = dict(stated)
     for name, value in stated.items():
-        quantity, size = sizes.get(_terminal(message.model_fields[name]).unit, ("", {}))
+        quantity, size = sizes.get(_option_form(message.model_fields[name]).unit, ("", {}))
         unit = units.get(quantity)
         posture = quantity == "angle" and isinstance(value, list | tuple)
-        if posture and unit != "deg" and unit in size and len(value) > _ARM:
+        if posture and unit != "deg" and unit in size and len(value) > _JOINTS_OF_ARM:
             raise typer.BadParameter(
                 f"linear axes are not in deg, and the file of options has angles in {unit}; remedy: state "
                 f"`{name}` in that file, in its units",
-                param_hint=flag_of(message, name),
+                param_hint=option_flag(message, name),
             )
         if unit in size:
-            scaled[name] = times(size[_terminal(message.model_fields[name]).unit] / size[unit], value)
+            scaled[name] = scale_numbers(
+                size[_option_form(message.model_fields[name]).unit] / size[unit], value
+            )
     return scaled
 
 
-def times(factor: float, value: Any) -> Any:  # noqa: ANN401 - JSON
-    """Return a number, or all numbers in it, times a factor."""
+def scale_numbers(factor: float, value: Any) -> Any:  # noqa: ANN401 - JSON
+    """Return a number, or a list or dictionary of numbers, multiplied by a factor."""
     if isinstance(value, dict):
-        return {key: times(factor, part) for key, part in value.items()}
-    return [times(factor, part) for part in value] if isinstance(value, list | tuple) else factor * value
+        return {key: scale_numbers(factor, part) for key, part in value.items()}
+    return (
+        [scale_numbers(factor, part) for part in value] if isinstance(value, list | tuple) else factor * value
+    )
 
 
-def worded(message: type[Message], text: str, forms: Forms = _PLAIN) -> str:
-    """Return a text that names the command's options in place of the fields of a message."""
+def name_options_in_text(message: type[Message], text: str, forms: Forms = _NO_FORMS) -> str:
+    """Return a text with the command's options in place of fields in backquotes, with or without a value."""
     with_option = dict(field_options(message, forms))
 
-    def option(named: re.Match[str]) -> str:
-        name, value = named.groups()
+    def replace_field(found: re.Match[str]) -> str:
+        name, value = found.groups()
         if name not in with_option:
-            return named[0]
-        alone = value is None or _terminal(message.model_fields[name]).flag
-        return f"`{flag_of(message, name, forms)}{'' if alone else f' {value}'}`"
+            return found[0]
+        alone = value is None or _option_form(message.model_fields[name]).flag
+        return f"`{option_flag(message, name, forms)}{'' if alone else f' {value}'}`"
 
-    return re.sub(r"`(\w+)(?:: (\w+))?`", option, text)
+    return re.sub(r"`(\w+)(?:: (\w+))?`", replace_field, text)
 
 
-def in_options(message: type[Message], problem: Problem, forms: Forms = _PLAIN) -> Problem:
+def name_options_in_problem(message: type[Message], problem: Problem, forms: Forms = _NO_FORMS) -> Problem:
     """Return a problem whose texts name the command's options in place of the request's fields."""
     from jointstiff.service.problems import MISSING
 
     with_option, items = dict(field_options(message, forms)), []
     for item in problem.errors:
-        remedy = item.remedy and worded(message, item.remedy, forms)
+        remedy = item.remedy and name_options_in_text(message, item.remedy, forms)
         if item.reason == MISSING and item.where in message.model_fields:
             kind = _bare_type(message.model_fields[item.where].annotation)
-            by_option = f"give `{flag_of(message, item.where, forms)}`"
+            by_option = f"give `{option_flag(message, item.where, forms)}`"
             by_option += f": one of {', '.join(get_args(kind))}" if get_origin(kind) is Literal else ""
             remedy = by_option if item.where in with_option else "state it in the JSON file of `--options`"
-        changes = {"reason": worded(message, item.reason, forms), "remedy": remedy}
+        changes = {"reason": name_options_in_text(message, item.reason, forms), "remedy": remedy}
         items.append(item.model_copy(update=changes))
     title = problem.title
     if items and all(re.split(r"\W", item.where)[0] in message.model_fields for item in items):
         title = "Options are missing or wrong"
     repeated = problem.remedy in {item.remedy for item in problem.errors}
-    remedy = items[0].remedy if repeated else problem.remedy and worded(message, problem.remedy, forms)
-    detail = worded(message, problem.detail, forms)
+    remedy = (
+        items[0].remedy
+        if repeated
+        else problem.remedy and name_options_in_text(message, problem.remedy, forms)
+    )
+    detail = name_options_in_text(message, problem.detail, forms)
     return problem.model_copy(update={"title": title, "detail": detail, "remedy": remedy, "errors": items})
 
 
-def _show(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN401 - a job that shows itself
-    """Print a job.
+def _print_job(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN401 - a job that shows itself
+    """Print a job as a report, JSON or CSV, as the options request.
 
     Raises:
-        typer.Exit: it has failed, or a set of a fleet has.
+        typer.Exit: the job, or the run of one set of a fleet, has failed.
     """
     from jointstiff.service.reports.job import job_report
     from jointstiff.service.tables.terminal import console
@@ -305,16 +323,18 @@ def _show(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN401 - a
         raise typer.Exit(1)
 
 
-def field_options(message: type[Message], forms: Forms = _PLAIN) -> Iterator[tuple[str, Any]]:
-    """Yield name and annotation of each field with an option; pydantic says which are missing.
+def field_options(message: type[Message], forms: Forms = _NO_FORMS) -> Iterator[tuple[str, Any]]:
+    """Yield name and Typer annotation of each field of a message that has an option on the command line.
+
+    Every option may be left out: the check of the message reports fields that are missing.
 
     Args:
-        message: the options.
-        forms: forms of fields on the command line in place of those that the message states.
+        message: message whose fields become options.
+        forms: forms of fields on the command line, in place of the forms that the message declares.
     """
     for name, stated in message.model_fields.items():
-        terminal = _terminal(stated, forms.get(name))
-        flag = flag_of(message, name, forms)
+        terminal = _option_form(stated, forms.get(name))
+        flag = option_flag(message, name, forms)
         text = terminal.text or " ".join((stated.description or "").split())
         if terminal.hidden:
             continue
@@ -331,24 +351,24 @@ def field_options(message: type[Message], forms: Forms = _PLAIN) -> Iterator[tup
             yield name, Annotated[kind | None, typer.Option(flag, help=text, **form)]
 
 
-def flag_of(message: type[Message], name: str, forms: Forms = _PLAIN) -> str:
-    """Return the option of a field."""
-    return _terminal(message.model_fields[name], forms.get(name)).option or f"--{name.replace('_', '-')}"
+def option_flag(message: type[Message], name: str, forms: Forms = _NO_FORMS) -> str:
+    """Return the command-line option of a field, such as `--load-point`."""
+    return _option_form(message.model_fields[name], forms.get(name)).option or f"--{name.replace('_', '-')}"
 
 
-def gathered(message: type[Message], values: _Values, forms: Forms = _PLAIN) -> dict[str, Any]:
-    """Return the fields that options state, from what these have parsed."""
+def gather_stated_fields(message: type[Message], values: _Values, forms: Forms = _NO_FORMS) -> dict[str, Any]:
+    """Return the fields of a message that the values of a command's options state."""
     stated = {}
     for name, _ in field_options(message, forms):
         if values[name] not in (None, []):
-            terminal = _terminal(message.model_fields[name], forms.get(name))
+            terminal = _option_form(message.model_fields[name], forms.get(name))
             value = dict(values[name]) if terminal.gather == "dict" else values[name]
             stated[name] = terminal.flag or value
     return stated
 
 
 def _parser_with_words(parse: Callable[[str], Any]) -> Callable[[str], Any]:
-    """Return a parser whose errors say what is wrong, which Click would replace by the text itself."""
+    """Return a parser that shows the text of a ValueError; Click would replace it by the typed text."""
 
     def parsed(text: str) -> Any:  # noqa: ANN401 - JSON
         try:
@@ -359,7 +379,8 @@ def _parser_with_words(parse: Callable[[str], Any]) -> Callable[[str], Any]:
     return parsed
 
 
-def _terminal(stated: FieldInfo, form: Terminal | None = None) -> Terminal:
+def _option_form(stated: FieldInfo, form: Terminal | None = None) -> Terminal:
+    """Return the form of a field on the command line: `form`, else the declared one, else only its unit."""
     if form is not None:
         return form
     extra = stated.json_schema_extra
@@ -368,34 +389,37 @@ def _terminal(stated: FieldInfo, form: Terminal | None = None) -> Terminal:
 
 
 def _option_type(kind: Any, unit: str) -> tuple[Any, dict[str, Any]] | None:  # noqa: ANN401 - a type
-    """Return the type of an option and how it is parsed; None for a field that stays in the file."""
+    """Return type and Typer arguments of an option; None if only a file of options can state the field."""
     if kind in {bool, int}:
         return kind, {}
     if get_origin(kind) is Literal:
         words = get_args(kind)
         return Parsed, {
-            "parser": _parser_with_words(_one_of(words)),
+            "parser": _parser_with_words(_word_parser(words)),
             "metavar": f"<{'|'.join(words)}>",
             "autocompletion": lambda incomplete: [word for word in words if word.startswith(incomplete)],
         }
     if kind is str:
         return str, {"metavar": "TEXT"}
-    if kind is float and unit in _SCALES:
-        shown, factor = _SCALES[unit]
+    if kind is float and unit in _TERMINAL_UNITS:
+        shown, factor = _TERMINAL_UNITS[unit]
         return Parsed, {"parser": lambda text: factor * float(text), "metavar": f"NUMBER[{shown}]"}
     if kind is float:
         return float, {"metavar": "NUMBER"}
     parts = [_bare_type(part) for part in get_args(kind)]
     if get_origin(kind) is tuple and parts == [float] * 3:
         shown = {"m": "[mm]", "": "", "1": ""}.get(unit, f"[{unit}]")
-        return Parsed, {"parser": cli.point_of if unit == "m" else cli.vector_of, "metavar": f"X,Y,Z{shown}"}
+        return Parsed, {
+            "parser": cli.parse_point if unit == "m" else cli.parse_vector,
+            "metavar": f"X,Y,Z{shown}",
+        }
     if get_origin(kind) is list and (parts[0] is str or get_origin(parts[0]) is Literal):
         return Parsed, {"parser": chain_of, "metavar": "NAME,NAME,..."}
     return None
 
 
-def _one_of(words: Sequence[str]) -> Callable[[str], str]:
-    """Return a parser of words of the API, whose underlines people may write as hyphens."""
+def _word_parser(words: Sequence[str]) -> Callable[[str], str]:
+    """Return a parser of the words of an API field; it also accepts hyphens and short names of methods."""
 
     def parse(text: str) -> str:
         word = METHODS_IN_SHORT.get(text.upper(), text.replace("-", "_"))
@@ -406,16 +430,16 @@ def _one_of(words: Sequence[str]) -> Callable[[str], str]:
     return parse
 
 
-_SCALES: Final[Mapping[str, tuple[str, float]]] = {
+_TERMINAL_UNITS: Final[Mapping[str, tuple[str, float]]] = {
     "m": ("mm", 1e-3),
     "rad": ("deg", math.pi / 180.0),
     "deg": ("deg", 1.0),
 }
-"""Units of the terminal for those of the API, with their sizes."""
+"""Unit on the command line, and its size in the API's unit, by the API's unit."""
 
 
 def _bare_type(annotation: Any) -> Any:  # noqa: ANN401 - a type
-    """Return a type without its name, without `None` and without what `Annotated` says of it."""
+    """Return the type behind an alias, an `Annotated` or an optional type."""
     if isinstance(annotation, TypeAliasType):
         return _bare_type(annotation.__value__)
     origin = get_origin(annotation)
@@ -427,17 +451,17 @@ def _bare_type(annotation: Any) -> Any:  # noqa: ANN401 - a type
     return annotation
 
 
-def _mended_file(values: _Values) -> Path | None:
-    """Return where the mended campaign goes: next to the old one, unless the command names a place.
+def _path_of_corrected_campaign(values: _Values) -> Path | None:
+    """Return the path of the corrected campaign, by default next to the old one; None without --apply.
 
     Raises:
-        typer.BadParameter: there is a file to write, and nothing to write to it.
+        typer.BadParameter: --output is given without --apply, or does not end in .json.
     """
     output: Path | None = values["output"]
     if values["apply"] is None:
         if output is not None:
             others = "`jointstiff export` writes tables, `jointstiff report` reports"
-            message = f"is the file of a campaign that --apply corrects; {others}"
+            message = f"is only for the campaign that --apply corrects; {others}"
             raise typer.BadParameter(message, param_hint="--output")
         return None
     if output is not None:
@@ -446,13 +470,16 @@ def _mended_file(values: _Values) -> Path | None:
     return output or file.with_name(f"{file.stem}-{name}{file.suffix}")
 
 
-def _apply(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # noqa: ANN401 - runs
-    """Apply an action, write the mended campaign, print a table of both runs, and return the new one."""
+def _apply_action(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # noqa: ANN401 - runs
+    """Apply the action of --apply; write the corrected campaign, print both runs, return the new run.
+
+    Without --apply, return the job unchanged.
+    """
     from jointstiff.service.kinds.run.kind import before_and_after
     from jointstiff.service.tables.stiffness import UNITS
     from jointstiff.service.tables.terminal import console, printed
 
-    path = _mended_file(values)
+    path = _path_of_corrected_campaign(values)
     if path is None:
         return job
     after = job.apply(values["apply"])
@@ -464,13 +491,15 @@ def _apply(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # noqa: 
 
 
 def _write_robot(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Geometry
+    """Write the identified robot if --output is given; return the job."""
     if values["output"] is not None:
         robot = job.result.robot.model_dump(mode="json", exclude_none=True)
         cli.write_json(values["output"], robot)
     return job
 
 
-def _write_campaign(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Plan
+def _write_campaign_to_fill_in(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Plan
+    """Write the campaign whose readings are to be filled in if --campaign is given; return the job."""
     from jointstiff.service.kinds.plan.kind import campaign_to_fill_in
     from jointstiff.service.resources.documents import read_planned
 
@@ -480,14 +509,19 @@ def _write_campaign(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  
     return job
 
 
-def _outputs(values: _Values, sources: Sequence[Any]) -> dict[str, Path]:
-    """Return where each file of a program goes: a .dat next to the .src."""
+def _program_paths(values: _Values, sources: Sequence[Any]) -> dict[str, Path]:
+    """Return the path to write for each file of a program by its name: --output, or its .src and .dat."""
     output, several = values["output"], len(sources[1]) > 1
     return {each.name: output.with_suffix(each.suffix) if several else output for each in sources[1]}
 
 
-def _print_moves(values: _Values, sources: Sequence[Any]) -> bool:
-    """Print how the moves of a program are understood, if that is what is wanted."""
+def _explain_moves_if_requested(values: _Values, sources: Sequence[Any]) -> bool:
+    """Print how each move of a program is understood if --explain is given; return whether it was printed.
+
+    Raises:
+        typer.BadParameter: neither --explain nor --output is given.
+        CampaignError: the program cannot be read.
+    """
     from jointstiff.service.problems import CampaignError, FilesError, problem_of
     from jointstiff.service.programs.formats import explained
     from jointstiff.service.programs.program import ExternalAxes
@@ -515,9 +549,10 @@ def _print_moves(values: _Values, sources: Sequence[Any]) -> bool:
 
 
 def _write_program(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Program
+    """Write the compensated files of a program, and the report if --report is given; return the job."""
     from jointstiff.service.kinds.program.work import unpacked
 
-    outputs = _outputs(values, sources)
+    outputs = _program_paths(values, sources)
     for each in job.result.files:
         outputs[each.name].write_bytes(unpacked(each))
     if values["report"] is not None:
@@ -525,15 +560,15 @@ def _write_program(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  #
     return job
 
 
-def _optional(option: Any, kind: type = Path) -> tuple[Any, None]:  # noqa: ANN401 - Typer's
-    """Return annotation and default of an option that may be absent."""
+def _optional_parameter(option: Any, kind: type = Path) -> tuple[Any, None]:  # noqa: ANN401 - Typer's
+    """Return annotation and default, None, of an option that may be left out."""
     return Annotated[kind | None, option], None
 
 
-_EXTRAS: Final[Mapping[str, _Extra]] = {
-    "run": _Extra(
+_FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
+    "run": _FileOptions(
         options={
-            "apply": _optional(
+            "apply": _optional_parameter(
                 typer.Option(
                     metavar="ACTION",
                     help="Apply an action that a reason advises, such as exchange_columns or "
@@ -541,31 +576,37 @@ _EXTRAS: Final[Mapping[str, _Extra]] = {
                 ),
                 str,
             ),
-            "output": _optional(
+            "output": _optional_parameter(
                 cli.output_option("File to write the corrected campaign to; default: next to the old one.")
             ),
         },
-        finish=_apply,
-        written=lambda values, _: [_mended_file(values)],
+        finish=_apply_action,
+        written=lambda values, _: [_path_of_corrected_campaign(values)],
     ),
-    "geometry": _Extra(
+    "geometry": _FileOptions(
         options={
             "robot": (cli.NamedRobot, None),
-            "output": _optional(cli.output_option("File to write the identified robot to.", "ROBOT.json")),
+            "output": _optional_parameter(
+                cli.output_option("File to write the identified robot to.", "ROBOT.json")
+            ),
         },
         endings=(".json",),
         passed=("robot",),
         finish=_write_robot,
         written=lambda values, _: [values["output"]],
     ),
-    "plan": _Extra(
-        options={"campaign": _optional(cli.path_option("File to write the campaign to fill in to."))},
-        finish=_write_campaign,
+    "plan": _FileOptions(
+        options={
+            "campaign": _optional_parameter(
+                cli.path_option("File to write a campaign with empty readings to.")
+            )
+        },
+        finish=_write_campaign_to_fill_in,
         written=lambda values, _: [values["campaign"]],
     ),
-    "program": _Extra(
+    "program": _FileOptions(
         options={
-            "output": _optional(
+            "output": _optional_parameter(
                 cli.output_option("File for the compensated program; a .dat is written to its folder.")
             ),
             "explain": (
@@ -578,10 +619,10 @@ _EXTRAS: Final[Mapping[str, _Extra]] = {
                 ],
                 False,
             ),
-            "report": _optional(cli.path_option("CSV file to write all points to.")),
+            "report": _optional_parameter(cli.path_option("CSV file to write all points to.")),
         },
         finish=_write_program,
-        instead=_print_moves,
-        written=lambda values, sources: [*_outputs(values, sources).values(), values["report"]],
+        instead=_explain_moves_if_requested,
+        written=lambda values, sources: [*_program_paths(values, sources).values(), values["report"]],
     ),
 }

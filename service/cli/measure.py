@@ -12,7 +12,7 @@ import typer
 
 from jointstiff.schemas.live import LiveOptions
 from jointstiff.service.cli import options as cli
-from jointstiff.service.cli.kinds import field_options, gathered
+from jointstiff.service.cli.kinds import field_options, gather_stated_fields
 
 if TYPE_CHECKING:
     from jointstiff.service.library.measure import LiveMeasurement
@@ -24,8 +24,8 @@ _NOT_OFFERED: Final = {
     "plan_id",
     "prior",
 }
-"""Fields that the command states in another way, or that only the API takes."""
-_TEXT: Final = {
+"""Fields of `LiveOptions` without an option: the command states them otherwise, or only the API has them."""
+_HELP_TEXTS: Final = {
     "load": "Load to apply, such as dead_weight:1500, dead_weight:150kg or any_direction:1500; default: the "
     "strongest force of the campaign, a weight if all of its forces pull down.",
     "targets": "Target in the flange frame, in mm; default: those of the campaign. Repeatable.",
@@ -38,7 +38,7 @@ def _text_option(name: str, metavar: str, text: str) -> Any:  # noqa: ANN401 - a
     return Annotated[str | None, typer.Option(name, metavar=metavar, help=text)]
 
 
-_OWN: Final[cli.Parameters] = {
+_OWN_PARAMETERS: Final[cli.Parameters] = {
     "goal": (
         Annotated[
             str,
@@ -82,7 +82,9 @@ _OWN: Final[cli.Parameters] = {
         None,
     ),
     "most": (
-        Annotated[int, typer.Option(min=1, max=200, help="Number of readings after which it ends.")],
+        Annotated[
+            int, typer.Option(min=1, max=200, help="Number of readings after which the measurement ends.")
+        ],
         200,
     ),
     "save": (Annotated[Path | None, cli.path_option("File to write the closed campaign to.")], None),
@@ -93,7 +95,9 @@ _OWN: Final[cli.Parameters] = {
     ),
     "pattern": (
         _text_option(
-            "--pattern", "REGEX", "How `lines` are read: named groups x, y, z, and target, sigma if there."
+            "--pattern",
+            "REGEX",
+            "Form of `lines` as a regular expression: groups x, y, z, and target, sigma if present.",
         ),
         None,
     ),
@@ -101,7 +105,7 @@ _OWN: Final[cli.Parameters] = {
         _text_option(
             "--columns",
             "NAME,NAME,...",
-            "How `lines` are read: columns in order, such as target,x,y,z or -,x,y,z,sigma.",
+            "Form of `lines` as columns in order, such as target,x,y,z or -,x,y,z,sigma.",
         ),
         None,
     ),
@@ -119,24 +123,26 @@ _OWN: Final[cli.Parameters] = {
         None,
     ),
     "baud": (
-        Annotated[int | None, typer.Option(help="Bits a second of a serial line; default: 9600.")],
+        Annotated[int | None, typer.Option(help="Speed of a serial line in bits per second; default: 9600.")],
         None,
     ),
     "timeout": (
-        Annotated[float, typer.Option(min=0.1, help="Seconds after which a silent source has stopped.")],
+        Annotated[
+            float, typer.Option(min=0.1, help="Seconds without data after which a source counts as stopped.")
+        ],
         30.0,
     ),
     "unit": (cli.Unit, "MNm/rad"),
     "details": (cli.Details, False),
     "as_json": (cli.AsJson, False),
 }
-_OF_LINES: Final = ("pattern", "columns", "source_unit", "request", "baud")
+_LINE_OPTIONS: Final = ("pattern", "columns", "source_unit", "request", "baud")
 
 
-def measure_command() -> Callable[..., None]:
-    """Return the command `measure`, with an option for each field of its open set that has one."""
+def build_measure_command() -> Callable[..., None]:
+    """Return the function of the command `measure`, with an option for each field except `_NOT_OFFERED`."""
     offered = {key: one for key, one in field_options(LiveOptions) if key not in _NOT_OFFERED}
-    for key, text in _TEXT.items():
+    for key, text in _HELP_TEXTS.items():
         offered[key].__metadata__[0].help = text
 
     def command(source_file: str, **values: Any) -> None:  # noqa: ANN401 - by the signature below
@@ -147,7 +153,7 @@ def measure_command() -> Callable[..., None]:
         if values["save"] is not None:
             cli.refuse_existing(values["save"], overwrite=values["overwrite"])
         everything = {name: None for name, _ in field_options(LiveOptions)} | values
-        _measure(source_file, gathered(LiveOptions, everything), values)
+        _run_measure(source_file, gather_stated_fields(LiveOptions, everything), values)
 
     argument = Annotated[
         str,
@@ -159,56 +165,62 @@ def measure_command() -> Callable[..., None]:
     ]
     fields = {key: (one, None) for key, one in offered.items()}
     sources: dict[str, tuple[Any, Any]] = {"source_file": (argument, ...)}
-    cli.with_signature(command, sources | dict(_OWN) | fields)
+    cli.set_signature(command, sources | dict(_OWN_PARAMETERS) | fields)
     return command
 
 
-def _measure(source: str, stated: dict[str, Any], values: dict[str, Any]) -> None:
+def _run_measure(source: str, stated: dict[str, Any], values: dict[str, Any]) -> None:
+    """Measure a robot or campaign live, in this process or with --server over a service.
+
+    `stated` are the fields of the request that options state, `values` the values of all options.
+    """
     from jointstiff.service.library.measure import measure
     from jointstiff.service.resources.documents import read_object
 
     if values["options"] is not None:
         stated = read_object(values["options"]) | stated
     asks = not values["yes"] and not values["as_json"] and sys.stdin.isatty()
-    of_lines = {name: values[name] for name in _OF_LINES if values[name] is not None}
+    of_lines = {name: values[name] for name in _LINE_OPTIONS if values[name] is not None}
     if values["source"].startswith("lines:"):
         of_lines |= {"sample": not values["yes"], "warn": cli.warn}
     given: dict[str, Any] = {
         "goal": values["goal"],
         "source": values["source"],
-        "force": _force(values["force"]),
+        "force": _parse_force(values["force"]),
         "timeout": values["timeout"],
         "source_options": of_lines,
         **stated,
     }
     if values["server"] is None:
         with measure(source, **given) as campaign:
-            _carry_out(campaign, values, asks=asks)
+            _measure_and_print(campaign, values, asks=asks)
         return
-    from jointstiff.service.library.client import Client  # needs an extra, which a measurement here does not
+    from jointstiff.service.library.client import (
+        Client,
+    )  # imported only here: it needs an extra that a measurement in this process does not need
 
     with Client(values["server"].rstrip("/"), warn=cli.warn) as client:
         client.ping()
         with measure(source, client=client, **given) as campaign:
-            _carry_out(campaign, values, asks=asks)
+            _measure_and_print(campaign, values, asks=asks)
 
 
-def _force(text: str | None) -> tuple[float, ...] | None:
-    """Return a force; one number is a weight."""
+def _parse_force(text: str | None) -> tuple[float, ...] | None:
+    """Parse `X,Y,Z`, or one number as a weight along -z, into a force in R0 [N]; None stays None."""
     if text is None:
         return None
     try:
         weight = float(text)
     except ValueError:
-        return cli.vector_of(text)
+        return cli.parse_vector(text)
     return 0.0, 0.0, -abs(weight)
 
 
-def _carry_out(campaign: LiveMeasurement, values: dict[str, Any], *, asks: bool) -> None:
-    """Measure, close the campaign, and show what came of it.
+def _measure_and_print(campaign: LiveMeasurement, values: dict[str, Any], *, asks: bool) -> None:
+    """Measure until the end, close the campaign, save it if requested, and print its run.
 
     Raises:
-        typer.Exit: the source has stopped, or the run has failed.
+        typer.Exit: the source has stopped, nothing was read, or the run has failed.
     """
     from jointstiff.service.cli.at_terminal import AtTerminal
     from jointstiff.service.kinds.run.kind import RUN
@@ -229,21 +241,21 @@ def _carry_out(campaign: LiveMeasurement, values: dict[str, Any], *, asks: bool)
     state = campaign.state
     cli.warn(state.message if state.message.startswith(state.state) else f"{state.state}: {state.message}")
     if not campaign.count:
-        raise cli.failed("nothing was read", "measure again")
+        raise cli.print_failure("nothing was read", "measure again")
     run = campaign.close()
     if values["save"] is not None:
         campaign.campaign.save(values["save"])
         cli.warn(f"wrote {values['save']}")
     if values["as_json"]:
-        typer.echo(json.dumps(_document(campaign, stopped), indent=2, ensure_ascii=False))
+        typer.echo(json.dumps(_json_document(campaign, stopped), indent=2, ensure_ascii=False))
     else:
         console().print(job_report(RUN, run, details=values["details"], unit=values["unit"]))
     if stopped is not None or run.state != "succeeded":
         raise typer.Exit(1)
 
 
-def _document(campaign: LiveMeasurement, stopped: Any) -> dict[str, Any]:  # noqa: ANN401 - an error or None
-    """Return what `--json` prints."""
+def _json_document(campaign: LiveMeasurement, stopped: Any) -> dict[str, Any]:  # noqa: ANN401 - an error or None
+    """Return the JSON document that `--json` prints: outcome, record of the readings, and run."""
     state, run = campaign.outcome, campaign.close()
     plain = state.model_dump(mode="json", exclude={"revision", "still_needed", "next", "warnings"})
     record = plain.pop("readings")

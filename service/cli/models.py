@@ -37,7 +37,7 @@ def export(
     """Export a model as a table or for a simulator."""
     cli.check_ending(output, _FORMATS, reported=True)
     cli.refuse_existing(output, overwrite=overwrite)
-    identified(file, run).export(output, "do_not_use" if despite_verdict else None)
+    read_or_identify_run(file, run).export(output, "do_not_use" if despite_verdict else None)
     typer.echo(f"{output}: {output.stat().st_size:,} bytes")
 
 
@@ -65,7 +65,7 @@ def report(
     cli.check_ending(output, _REPORTS)
     cli.refuse_existing(output, overwrite=overwrite)
     try:
-        job: Any = identified(file, run)
+        job: Any = read_or_identify_run(file, run)
     except CampaignError:  # the file may hold a job of another kind
         job = None if run is not None else read_job(file)
         if job is None:
@@ -74,19 +74,23 @@ def report(
     typer.echo(f"{output}: {output.stat().st_size:,} bytes")
 
 
-def identified(file: Path, run: Path | None) -> TabledRun:
-    """Return the run of a campaign from its file; identified now without one."""
+def read_or_identify_run(file: Path, run: Path | None) -> TabledRun:
+    """Return the run of a campaign: read from the file `run`, or identified now if that is None."""
     from jointstiff.schemas.run import Run
-    from jointstiff.service.library.here import Here, run_of
+    from jointstiff.service.library.here import Here, attach_campaign
     from jointstiff.service.resources.documents import campaign_of, read_document
 
     if run is not None:
-        return run_of(read_document(run, Run), campaign_of(file))
+        return attach_campaign(read_document(run, Run), campaign_of(file))
     identified: TabledRun = Here().identify(file)
     return identified
 
 
-_REACH_OF: Final = {"wrist_centre": "of the wrist centre", "flange": "of the flange", "stated": "as stated"}
+_REACH_POINTS: Final = {
+    "wrist_centre": "of the wrist centre",
+    "flange": "of the flange",
+    "stated": "as stated",
+}
 
 
 def robots(
@@ -109,18 +113,18 @@ def robots(
     try:
         arm = None if name is None else find_arm(name, "ARM")
     except RequestError as error:
-        raise cli.refused(problem_of(error)) from error
+        raise cli.print_problem(problem_of(error)) from error
     if as_json:
         typer.echo((arm or catalogue()).model_dump_json(indent=2))
     else:
-        console().print(printed(_list_arms(catalogue()) if arm is None else _show_arm(arm)))
+        console().print(printed(_arm_list_parts(catalogue()) if arm is None else _arm_parts(arm)))
     if output is not None and arm is not None:
         cli.refuse_existing(output, overwrite=overwrite)
         cli.write_text(output, nominal_robot(arm).model_dump_json(indent=1, exclude_none=True))
 
 
-def _list_arms(catalogue: Catalogue) -> list[Part]:
-    """Return the arms, and the presets of joint maps that they have."""
+def _arm_list_parts(catalogue: Catalogue) -> list[Part]:
+    """Return a table of the arms with reach and preset of the joint map, and a line on how to use one."""
     from jointstiff.service.tables.table import Column, Line, Table, number
 
     names = {preset.id: preset.name for preset in catalogue.joint_maps}
@@ -137,24 +141,24 @@ def _list_arms(catalogue: Catalogue) -> list[Part]:
     return [table, Line('Use an arm by its name, such as --robot "KUKA KR 210 R2700".')]
 
 
-def _show_arm(arm: Arm) -> list[Part]:
-    """Return one arm: its table, joint map, reach and sources."""
+def _arm_parts(arm: Arm) -> list[Part]:
+    """Return the description of an arm: title, Denavit-Hartenberg table, joint map, reach and sources."""
     from jointstiff.service.tables.table import Column, Line, Table
 
     rows = arm.model.rows
     limits = [
         "not known"
         if row.lower is None or row.upper is None
-        else f"{_angle(row.lower)} to {_angle(row.upper)}"
+        else f"{_format_angle(row.lower)} to {_format_angle(row.upper)}"
         for row in rows
     ]
     table = Table(
         [
             Column("joint", [str(i + 1) for i in range(len(rows))], text=True),
-            Column("a", [_length(row.a) for row in rows], unit="mm", text=True),
-            Column("alpha", [_angle(row.alpha) for row in rows], unit="°", text=True),
-            Column("d", [_length(row.d) for row in rows], unit="mm", text=True),
-            Column("theta", [_angle(row.theta) for row in rows], unit="°", text=True),
+            Column("a", [_format_length(row.a) for row in rows], unit="mm", text=True),
+            Column("alpha", [_format_angle(row.alpha) for row in rows], unit="°", text=True),
+            Column("d", [_format_length(row.d) for row in rows], unit="mm", text=True),
+            Column("theta", [_format_angle(row.theta) for row in rows], unit="°", text=True),
             Column("limits", limits, unit="°", text=True),
         ],
         title=f"Denavit-Hartenberg, {arm.model.convention}",
@@ -162,7 +166,7 @@ def _show_arm(arm: Arm) -> list[Part]:
     matrix: Sequence[Sequence[float]] = [] if arm.joint_map is None else arm.joint_map.matrix
     lines = [
         f"R0: {arm.base}",
-        f"reach: {arm.reach * 1e3:g} mm {_REACH_OF[arm.reach_of]}",
+        f"reach: {arm.reach * 1e3:g} mm {_REACH_POINTS[arm.reach_of]}",
         *(
             f"joint map, row {i}: {' '.join(f'{value:g}' for value in row)}"
             for i, row in enumerate(matrix, 1)
@@ -172,9 +176,11 @@ def _show_arm(arm: Arm) -> list[Part]:
     return [Line(f"{arm.name} (nominal)", "title"), table, *map(Line, lines)]
 
 
-def _length(value: float) -> str:
+def _format_length(value: float) -> str:
+    """Return a length [m] as text in mm."""
     return f"{round(value * 1e3, 6):g}"
 
 
-def _angle(value: float) -> str:
+def _format_angle(value: float) -> str:
+    """Return an angle [rad] as text in degrees."""
     return f"{round(degrees(value), 6):g}"

@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from jointstiff.schemas.finding import Problem
 
 
-def vector_of(text: str) -> tuple[float, ...]:
-    """Return `X,Y,Z` as three numbers.
+def parse_vector(text: str) -> tuple[float, ...]:
+    """Parse the text `X,Y,Z` into three numbers.
 
     Raises:
-        typer.BadParameter: it is no such text.
+        typer.BadParameter: the text is not three numbers with commas between them.
     """
     try:
         x, y, z = (float(part) for part in text.split(","))
@@ -27,23 +27,23 @@ def vector_of(text: str) -> tuple[float, ...]:
     return x, y, z
 
 
-def point_of(text: str) -> tuple[float, ...]:
-    """Return `X,Y,Z` in millimetres as a point in metres; raises as `vector_of` does."""
-    return tuple(1e-3 * number for number in vector_of(text))
+def parse_point(text: str) -> tuple[float, ...]:
+    """Parse the text `X,Y,Z` in mm into a point in m; raise the errors of `parse_vector`."""
+    return tuple(1e-3 * number for number in parse_vector(text))
 
 
 def file_argument(metavar: str, text: str) -> Any:  # noqa: ANN401 - Typer's
-    """Return an argument that is a file to read."""
+    """Return a Typer argument whose value is the path of an existing file to read."""
     return typer.Argument(exists=True, dir_okay=False, readable=True, metavar=metavar, help=text)
 
 
 def file_option(text: str) -> Any:  # noqa: ANN401 - Typer's
-    """Return an option that is a file to read."""
+    """Return a Typer option whose value is the path of an existing file to read."""
     return typer.Option(exists=True, dir_okay=False, metavar="FILE", help=text)
 
 
 def output_option(text: str, metavar: str = "FILE") -> Any:  # noqa: ANN401 - Typer's
-    """Return the option that names a file to write."""
+    """Return the Typer option `--output`, which names the main file to write."""
     return typer.Option("--output", "-o", metavar=metavar, help=text)
 
 
@@ -52,10 +52,12 @@ REPORTS: Final = (".pdf", ".html")
 
 
 def check_ending(path: Path, endings: Iterable[str], *, reported: bool = False) -> None:
-    """Refuse a file to write whose ending is none of these; `reported`: `jointstiff report` takes the source.
+    """Check that the name of a file to write has one of the endings, such as `.json`.
+
+    With `reported`, the error for `.pdf` and `.html` refers to `jointstiff report`, which writes these.
 
     Raises:
-        typer.BadParameter: saying which endings work.
+        typer.BadParameter: the file has another ending.
     """
     known = list(dict.fromkeys(endings))
     if path.suffix.lower() in known:
@@ -66,17 +68,17 @@ def check_ending(path: Path, endings: Iterable[str], *, reported: bool = False) 
 
 
 def path_option(text: str, metavar: str = "FILE") -> Any:  # noqa: ANN401 - Typer's
-    """Return an option that names another file to write."""
+    """Return a Typer option that names a file to write in addition to that of `--output`."""
     return typer.Option(dir_okay=False, metavar=metavar, help=text)
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file of lines."""
+    """Write a text, and a line break after it, to a UTF-8 file."""
     path.write_text(f"{text}\n", encoding="utf-8")
 
 
 def write_json(path: Path, document: object) -> None:
-    """Write a document that people may read."""
+    """Write a document to a JSON file with indented lines, which people can read."""
     import json
 
     write_text(path, json.dumps(document, indent=1, ensure_ascii=False))
@@ -110,7 +112,7 @@ Units = Literal["MNm/rad", "kNm/deg", "Nm/arcmin", "Nm/rad", "urad/Nm"]
 
 
 def _unit_of(text: str) -> str:
-    """Return a unit in its own spelling, however its letters were typed."""
+    """Return the unit of stiffness that a text names in any mix of upper and lower case."""
     words: tuple[str, ...] = get_args(Units)
     unit = next((word for word in words if word.lower() == text.lower()), None)
     if unit is None:
@@ -133,8 +135,8 @@ Parameters = Mapping[str, tuple[Any, Any]]
 """Annotation and default of the parameters of a command, by name; `...` for no default."""
 
 
-def with_signature(command: Callable[..., None], parameters: Parameters) -> None:
-    """Give a command the signature that Typer reads."""
+def set_signature(command: Callable[..., None], parameters: Parameters) -> None:
+    """Give a function the keyword parameters from which Typer makes the options of a command."""
     command.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
         [
             inspect.Parameter(
@@ -148,16 +150,16 @@ def with_signature(command: Callable[..., None], parameters: Parameters) -> None
     )
 
 
-def options_of(settings: type) -> Parameters:
-    """Return an option for each field of a dataclass, by its annotation."""
+def options_from_settings(settings: type) -> Parameters:
+    """Return the parameters of a command by the fields of a dataclass: annotation and default by name."""
     hints = get_type_hints(settings, include_extras=True)
     return {field.name: (hints[field.name], field.default) for field in fields(settings)}
 
 
-def refusal_of(error: Exception) -> typer.Exit | None:
-    """Show an error that says how to mend it; to be raised. None for another error."""
+def print_known_error(error: Exception) -> typer.Exit | None:
+    """Print an error that has a remedy; return the exit to raise (status 2), or None for any other error."""
     if isinstance(error, OSError) and error.filename is not None:
-        return failed(f"cannot write {error.filename}: {error.strerror}", "choose another path")
+        return print_failure(f"cannot write {error.filename}: {error.strerror}", "choose another path")
     if isinstance(error, ImportError):
         from jointstiff.service.problems import missing_extra
 
@@ -167,23 +169,23 @@ def refusal_of(error: Exception) -> typer.Exit | None:
     from jointstiff.service.problems import ProblemError, ServiceError
 
     if isinstance(error, ProblemError):
-        return refused(error.problem)
-    return failed(error.reason, error.remedy) if isinstance(error, ServiceError) else None
+        return print_problem(error.problem)
+    return print_failure(error.reason, error.remedy) if isinstance(error, ServiceError) else None
 
 
-def refused(problem: Problem) -> typer.Exit:
-    """Show a problem as the API would answer it; to be raised."""
+def print_problem(problem: Problem) -> typer.Exit:
+    """Print a problem of a request, as the API would answer it; return the exit to raise (status 2)."""
     from jointstiff.schemas.finding import AcceptingOptions
-    from jointstiff.service.cli.kinds import worded
+    from jointstiff.service.cli.kinds import name_options_in_text
     from jointstiff.service.tables.terminal import console, problem_text
 
-    remedy = problem.remedy and worded(AcceptingOptions, problem.remedy)
+    remedy = problem.remedy and name_options_in_text(AcceptingOptions, problem.remedy)
     console(stderr=True).print(problem_text(problem.model_copy(update={"remedy": remedy})))
     return typer.Exit(2)
 
 
-def failed(reason: str, remedy: str) -> typer.Exit:
-    """Show what is in the way outside of the request; to be raised."""
+def print_failure(reason: str, remedy: str) -> typer.Exit:
+    """Print the reason of a failure and the remedy; return the exit to raise (status 2)."""
     from jointstiff.service.tables.terminal import console
 
     console(stderr=True).print(f"{reason}\n  remedy: {remedy}", style="red", markup=False, soft_wrap=True)
@@ -191,17 +193,17 @@ def failed(reason: str, remedy: str) -> typer.Exit:
 
 
 def warn(message: str) -> None:
-    """Show what the user should know while it goes on."""
+    """Print a message in yellow to the standard error; the command continues."""
     from jointstiff.service.tables.terminal import console
 
     console(stderr=True).print(message, style="yellow", markup=False, soft_wrap=True)
 
 
 def refuse_existing(path: Path, *, overwrite: bool) -> None:
-    """Refuse to replace a file unasked.
+    """Refuse to replace an existing file unless the option --overwrite was given.
 
     Raises:
-        typer.Exit: it is there.
+        typer.Exit: the file exists.
     """
     if path.exists() and not overwrite:
-        raise failed(f"{path} exists", "choose another name, or --overwrite")
+        raise print_failure(f"{path} exists", "choose another name, or --overwrite")

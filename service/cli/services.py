@@ -22,7 +22,7 @@ def serve(**values: Any) -> None:  # noqa: ANN401 - by the signature below
     run_server(Settings(**values))
 
 
-cli.with_signature(serve, cli.options_of(Settings))
+cli.set_signature(serve, cli.options_from_settings(Settings))
 
 
 def worker(
@@ -87,7 +87,10 @@ def post(
 
 
 def _post_all(client: Client, folder: Path) -> int:
-    """Post the campaigns and robots of a folder, each once; return the exit status."""
+    """Post the campaigns and robots in the JSON files of a folder, each once.
+
+    Return the exit status: 1 if the service refused a file, else 0. Refused files are reported and skipped.
+    """
     from jointstiff.service.problems import ProblemError
     from jointstiff.service.resources.documents import read_object
 

@@ -35,10 +35,12 @@ _SPELLINGS: Final = {
 
 
 def units_of(text: Units | Mapping[str, str] | str) -> dict[str, str]:
-    """Return units by quantity of a text such as `mm, deg, N` or `m, rad, kN, kN.m`.
+    """Parse a text such as `mm, deg, N` or `m, rad, kN, kN.m`; return the unit of each quantity by name.
+
+    Units that are given as `Units` or as a mapping are returned as a dictionary, unchecked.
 
     Raises:
-        MeasurementError: a unit is not known, or missing.
+        MeasurementError: a unit is not known, given twice, or missing.
     """
     if isinstance(text, Units):
         return text.model_dump(exclude_none=True)
@@ -63,28 +65,28 @@ def units_of(text: Units | Mapping[str, str] | str) -> dict[str, str]:
 
 @dataclass(frozen=True, eq=False)
 class ArrayReadings:
-    """Readings of N observations of T targets as a program has them: anything that numpy understands.
+    """Readings of N observations of T targets, in whatever form of arrays a Python program holds them.
 
-    Arrays, lists, data frames and columns of pandas or polars, and dictionaries of columns all do. What has
-    no number (NaN, None) in all coordinates of a target was not read.
+    Arrays, lists, data frames and columns of pandas or polars, and dictionaries of columns are accepted. A
+    target was not read in an observation if all of its coordinates are NaN or None there.
     """
 
-    joints: Any  # (N, n) as the controller shows them
+    joints: Any  # (N, n) positions of the joints as the controller shows them
     forces: Any  # (N, 3) or (3,), axes of R0; None without a load
-    moments: Any  # (N, 3) or (3,), about the load point; None for none
+    moments: Any  # (N, 3) or (3,), about the load point; None without moments
     load_point: Any  # (3,) or (N, 3), flange frame; None without a load
-    unloaded: Any  # (N, T, 3), (N, 3 T), (N, 3), or these by the target's name
-    loaded: Any  # the same under load
-    deflections: Any  # the same, loaded minus unloaded; with directions (N, T)
+    unloaded: Any  # positions (N, T, 3), (N, 3 T), (N, 3), or (N, 3) by the target's name
+    loaded: Any  # positions under load, in the same shape
+    deflections: Any  # loaded minus unloaded positions, in the same shape; with directions (N, T)
     directions: Any  # (3,), (T, 3) or (N, T, 3), axes of R0
     targets: Any  # names of the T targets, or their places in the flange frame by name
     labels: Any  # (N,) labels of the observations; c01, c02, … if absent
 
     def document(self, units: Mapping[str, str]) -> dict[str, Any]:
-        """Return the readings as fields of a measurement set.
+        """Return the readings as the fields of a measurement-set document in these units.
 
         Raises:
-            MeasurementError: shapes that do not fit, what is no number, or a length that is in another unit.
+            MeasurementError: shapes do not fit, a value is not a number, or a length is implausible.
         """
         joints = table_of(self.joints, "joints")
         count = len(joints)
@@ -94,8 +96,8 @@ class ArrayReadings:
         common = point is not None and bool((point == point[0]).all())
         for place in () if point is None else point:
             refuse_far_point(place.tolist(), "load_point", length=LENGTH[units["length"]])
-        places = self._places(LENGTH[units["length"]])
-        names, readings = self._readings(count, LENGTH[units["length"]])
+        places = self._flange_places(LENGTH[units["length"]])
+        names, readings = self._arrange_readings(count, LENGTH[units["length"]])
         forces = np.zeros((count, 3)) if self.forces is None else vectors_of(self.forces, count, "forces")
         moments = None if self.moments is None else vectors_of(self.moments, count, "moments")
         labels = [f"c{i:02}" for i in range(1, count + 1)] if self.labels is None else list(self.labels)
@@ -121,8 +123,11 @@ class ArrayReadings:
             "observations": observations,
         }
 
-    def _places(self, length: float) -> dict[str, list[float]]:
-        """Return the places of the targets in the flange frame by name; none if only names are given."""
+    def _flange_places(self, length: float) -> dict[str, list[float]]:
+        """Return the targets' positions in the flange frame by name; empty if only names are given.
+
+        `length` is the unit of lengths in m, for the check that no target is too far from the flange.
+        """
         if not isinstance(self.targets, Mapping):
             return {}
         places = {str(name): table_of(place, "targets").tolist() for name, place in self.targets.items()}
@@ -130,8 +135,11 @@ class ArrayReadings:
             refuse_far_point(place, f"targets['{name}']", length=length)
         return places
 
-    def _readings(self, count: int, length: float) -> tuple[list[str], list[list[dict[str, Any]]]]:
-        """Return the names of the targets, and the readings of each observation."""
+    def _arrange_readings(self, count: int, length: float) -> tuple[list[str], list[list[dict[str, Any]]]]:
+        """Return the names of the targets, and for each observation a list of its readings as documents.
+
+        `count` is the number of observations, `length` the unit of lengths in m.
+        """
         along = self.directions is not None
         fields = {
             name: value
@@ -149,13 +157,13 @@ class ArrayReadings:
             raise MeasurementError(
                 f"{given} alone cannot be used as readings", where="unloaded", remedy=remedy
             )
-        names = self._names(next(iter(fields.values()))) or []
+        names = self._target_names(next(iter(fields.values()))) or []
         values: dict[str, FloatArray] = {}
         for name, value in fields.items():
-            values[name], names = _by_target(value, name, count, names, components=1 if along else 3)
-            _refuse_long(values[name], name, length)
+            values[name], names = _arrange_by_target(value, name, count, names, components=1 if along else 3)
+            _refuse_implausible_lengths(values[name], name, length)
         if "loaded" in values:
-            _refuse_long(values["loaded"] - values["unloaded"], "loaded", length, "deflection")
+            _refuse_implausible_lengths(values["loaded"] - values["unloaded"], "loaded", length, "deflection")
         shape = next(iter(values.values())).shape[:2]
         directions = None
         if along:
@@ -181,21 +189,32 @@ class ArrayReadings:
             for i in range(count)
         ]
 
-    def _names(self, value: object) -> list[str]:
-        """Return the names of the targets as stated; none if the array says how many there are."""
+    def _target_names(self, value: object) -> list[str]:
+        """Return the names of the targets, or the keys of the readings; empty if neither has names."""
         if self.targets is not None:
             return [str(name) for name in self.targets]
         return [str(name) for name in value] if isinstance(value, Mapping) else []
 
 
-def _by_target(
+def _arrange_by_target(
     value: Any,  # noqa: ANN401 - anything numpy understands
     name: str,
     count: int,
     names: list[str],
     components: int,
 ) -> tuple[FloatArray, list[str]]:
-    """Return readings (N, T, components), and the names of the T targets."""
+    """Arrange one field of readings as an array; return the array and the names of the T targets.
+
+    Args:
+        value: readings as a program gave them.
+        name: field of `ArrayReadings`, for messages.
+        count: number of observations N.
+        names: names of the targets; if empty, those of the readings, else T1, T2, …
+        components: numbers of one reading: 3 for a vector, 1 along a direction.
+
+    Returns:
+        (N, T, components) readings, NaN where a target was not read; T names.
+    """
     if isinstance(value, Mapping):
         missing = [each for each in names or value if each not in value]
         if missing:
@@ -224,11 +243,17 @@ def _by_target(
     return array, names
 
 
-def _refuse_long(values: FloatArray, name: str, length: float, what: str = "") -> None:
-    """Refuse positions and deflections that no arm reaches: their unit is another.
+def _refuse_implausible_lengths(values: FloatArray, name: str, length: float, what: str = "") -> None:
+    """Refuse positions or deflections that are too long for an arm: their unit must be another one.
+
+    Args:
+        values: (N, T, components) positions or deflections.
+        name: field of `ArrayReadings` for the message; `deflections` have the limit of deflections.
+        length: unit of lengths in m.
+        what: any text if the values are deflections though the field is another.
 
     Raises:
-        MeasurementError: by its place.
+        MeasurementError: a length exceeds its limit.
     """
     deflection = bool(what) or name == "deflections"
     size = length * np.linalg.norm(np.nan_to_num(values), axis=-1)
@@ -236,14 +261,14 @@ def _refuse_long(values: FloatArray, name: str, length: float, what: str = "") -
     if size.max(initial=0.0) > most:
         i = int(np.unravel_index(np.argmax(size), size.shape)[0])
         raise MeasurementError(
-            f"a {'deflection' if deflection else 'position'} of {size.max():.4g} m is none of an arm",
+            f"a {'deflection' if deflection else 'position'} of {size.max():.4g} m is too long for an arm",
             where=f"{name}[{i}]",
-            remedy="check `units`; they hold for positions, deflections, the load point and sigma",
+            remedy="check `units`; positions, deflections, the load point and sigma are all read in them",
         )
 
 
 def vectors_of(value: Any, count: int, name: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
-    """Return (N, 3) finite numbers of as many rows, or of one that holds for all."""
+    """Return finite numbers (count, 3) from an array of that shape, or from one row that holds for all."""
     array = table_of(value, name)
     if array.shape not in ((3,), (count, 3)) or not np.isfinite(array).all():
         raise _shape_error(name, array, f"finite numbers of shape (3,) or ({count}, 3)")
@@ -251,33 +276,38 @@ def vectors_of(value: Any, count: int, name: str) -> FloatArray:  # noqa: ANN401
 
 
 def table_of(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
-    """Return an array of numbers of an array, lists, a data frame, or columns.
+    """Convert an array, lists, a data frame, or columns to an array of numbers; `name` is for messages.
 
     Raises:
-        MeasurementError: it has something else than numbers.
+        MeasurementError: the value has something else than numbers.
     """
     try:
         if isinstance(value, Mapping):
             value = list(value.values())
-            return np.stack([np.asarray(_plain_array(column), dtype=np.float64) for column in value], axis=1)
+            return np.stack(
+                [np.asarray(_to_plain_array(column), dtype=np.float64) for column in value], axis=1
+            )
         if isinstance(value, list | tuple) and value and all(hasattr(each, "to_numpy") for each in value):
-            return np.stack([np.asarray(_plain_array(column), dtype=np.float64) for column in value], axis=1)
-        return np.asarray(_plain_array(value), dtype=np.float64)
+            return np.stack(
+                [np.asarray(_to_plain_array(column), dtype=np.float64) for column in value], axis=1
+            )
+        return np.asarray(_to_plain_array(value), dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise MeasurementError(
-            f"`{name}` is no array of numbers: {error}",
+            f"`{name}` is not an array of numbers: {error}",
             where=name,
             remedy="give an array, lists of equal lengths, or columns of a data frame; NaN for what was not "
             "read",
         ) from None
 
 
-def _plain_array(value: Any) -> Any:  # noqa: ANN401 - anything numpy understands
-    """Return the array of a data frame or a column."""
+def _to_plain_array(value: Any) -> Any:  # noqa: ANN401 - anything numpy understands
+    """Return the array of a data frame or a column; anything else as it is."""
     return value.to_numpy() if hasattr(value, "to_numpy") else value
 
 
 def _shape_error(name: str, array: FloatArray, wanted: str) -> MeasurementError:
+    """Return the error that a field has another shape than the wanted one, or values that are not finite."""
     fault = "" if np.isfinite(array).all() else ", with places that have no number"
     return MeasurementError(
         f"`{name}` has the shape {array.shape}{fault}", where=name, remedy=f"give {wanted}"
@@ -288,13 +318,13 @@ def _shape_error(name: str, array: FloatArray, wanted: str) -> MeasurementError:
 
 
 def dh_model(rows: Any, convention: str | None, units: Mapping[str, str]) -> dict[str, Any]:  # noqa: ANN401
-    """Return a table of Denavit and Hartenberg as the model of a robot document.
+    """Return a table of Denavit and Hartenberg as the model of a robot document, in m and rad.
 
     Args:
         rows: rows of a, alpha, d, theta, with or without lower and upper limit, as anything that numpy
             understands; or `DhRow`s and their documents, which are in m and rad.
         convention: `standard` or `modified`.
-        units: of length and angle.
+        units: units of the rows by `length` and `angle`.
 
     Raises:
         RobotError: the convention is missing, or a row is not understood.
@@ -329,10 +359,12 @@ def dh_model(rows: Any, convention: str | None, units: Mapping[str, str]) -> dic
 
 
 def urdf_model(text: str, base: str | None, flange: str | None) -> dict[str, Any]:
-    """Return a URDF as the model of a robot document; root and only tip are its ends if they are not stated.
+    """Return a URDF as the model of a robot document.
+
+    A base that is not stated is the root link; a flange that is not stated is the only tip.
 
     Raises:
-        RobotError: it is no URDF, or several links may be the flange.
+        RobotError: the text is not a URDF, or several links may be the base or the flange.
     """
     document = parse_xml(text)
     joints = document.named("joint")
@@ -356,11 +388,11 @@ def pinocchio_model(model: Any, flange: str | None) -> tuple[dict[str, Any], lis
     """Return a model of Pinocchio as the model of a robot document, and its bodies with masses.
 
     Args:
-        model: joints in one line, of one degree of freedom each.
+        model: model whose joints form one chain, with one degree of freedom each.
         flange: name of the frame that is the flange; default: the only tip behind the last joint.
 
     Raises:
-        RobotError: it branches, a joint is of another kind, or the flange is no frame behind the last joint.
+        RobotError: the model branches, a joint is of another kind, or the flange is not behind all joints.
     """
     chain = Robot(model, flange=flange).chain
     bodies = [

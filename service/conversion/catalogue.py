@@ -18,22 +18,22 @@ _SHOWN: Final = 5  # arms that a message names
 
 @cache
 def catalogue() -> Catalogue:
-    """Return the catalogue."""
+    """Read `arms.json`; return its arms, in m and rad, and its presets of joint maps."""
     text = files("jointstiff.service.conversion").joinpath("arms.json").read_text(encoding="utf-8")
     tables = json.loads(text)
     presets = [
         JointMapPreset(
             joint_map=JointMap(matrix=each["matrix"], offset=[0.0] * len(each["matrix"])),
-            **_without(each, "matrix"),
+            **_drop_keys(each, "matrix"),
         )
         for each in tables["joint_maps"]
     ]
     maps = {preset.id: preset.joint_map for preset in presets}
     arms = [
         Arm(
-            **_without(each, "rows", "convention", "joint_map", "reach"),
+            **_drop_keys(each, "rows", "convention", "joint_map", "reach"),
             model=DhModel(
-                format="dh", convention=each["convention"], rows=[_row(*row) for row in each["rows"]]
+                format="dh", convention=each["convention"], rows=[_dh_row(*row) for row in each["rows"]]
             ),
             joint_map=None if each["joint_map"] is None else maps[each["joint_map"]],
             joint_map_preset=each["joint_map"],
@@ -45,18 +45,18 @@ def catalogue() -> Catalogue:
 
 
 def find_arm(name: str, where: str) -> Arm:
-    """Return the arm of a name, or of a part of it that no other has; case and blanks do not count.
+    """Return the catalogue's arm with a name, or with a part of a name that only one arm has.
 
     Args:
-        name: as it was typed, such as `KUKA KR 210 R2700`.
-        where: field or option that has it, for messages.
+        name: name as it was typed, such as `KUKA KR 210 R2700`; case, blanks and signs do not count.
+        where: field or option that holds the name, for messages.
 
     Raises:
-        RequestError: there is none, or several.
+        RequestError: no arm or several arms have the name.
     """
-    wanted = _bare_name(name)
-    arms = [arm for arm in catalogue().arms if wanted and wanted in _bare_name(arm.name)]
-    exact = [arm for arm in arms if _bare_name(arm.name) == wanted]
+    wanted = _normalise_name(name)
+    arms = [arm for arm in catalogue().arms if wanted and wanted in _normalise_name(arm.name)]
+    exact = [arm for arm in arms if _normalise_name(arm.name) == wanted]
     if len(exact or arms) == 1:
         return (exact or arms)[0]
     if arms:
@@ -66,7 +66,7 @@ def find_arm(name: str, where: str) -> Arm:
             where=where,
             remedy="give the whole name",
         )
-    names = {_bare_name(arm.name): arm.name for arm in catalogue().arms}
+    names = {_normalise_name(arm.name): arm.name for arm in catalogue().arms}
     near = [names[each] for each in get_close_matches(wanted, names, n=3, cutoff=0.5)]
     raise RequestError(
         f"the catalogue has no arm '{name}'" + (f"; similar names: {', '.join(near)}" if near else ""),
@@ -78,20 +78,24 @@ def find_arm(name: str, where: str) -> Arm:
 
 
 def nominal_robot(arm: Arm) -> RobotDocument:
-    """Return an arm of the catalogue as a robot."""
+    """Return the robot document of an arm of the catalogue, named as nominal."""
     return RobotDocument(name=f"{arm.name} (nominal)", model=arm.model, joint_map=arm.joint_map)
 
 
-def _bare_name(name: str) -> str:
+def _normalise_name(name: str) -> str:
+    """Return letters and digits of a name in lower case, for comparisons."""
     return re.sub(r"[\W_]+", "", name.casefold())
 
 
-def _without(table: dict[str, Any], *names: str) -> dict[str, Any]:
+def _drop_keys(table: dict[str, Any], *names: str) -> dict[str, Any]:
+    """Return a dictionary without some of its keys."""
     return {name: value for name, value in table.items() if name not in names}
 
 
-def _row(a: float, alpha: float, d: float, theta: float, lower: float | None, upper: float | None) -> DhRow:
-    """Return a row of a table in millimetres and degrees."""
+def _dh_row(
+    a: float, alpha: float, d: float, theta: float, lower: float | None, upper: float | None
+) -> DhRow:
+    """Return a DH row, in m and rad, from its numbers in mm and degrees."""
     return DhRow(
         a=a / 1e3,
         alpha=radians(alpha),

@@ -26,7 +26,7 @@ class _Readings:
             *(p for sweep in request.sweeps or () for p in sweep.observations),
             *(request.poses or ()),
         ]
-        # of the T targets, in order of first appearance
+        # names of the T targets, in order of first appearance
         self.names = tuple(dict.fromkeys(name for position in positions for name in position.targets))
         if len(self.names) > MAX_GEOMETRY_TARGETS:
             raise MeasurementError(
@@ -48,7 +48,15 @@ class _Readings:
     def arrange(
         self, positions: Sequence[TrackedPosition], where: str
     ) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Return angles (K, n) [rad], points (K, T, 3) [m], zero where absent, and presence (K, T)."""
+        """Arrange K tracked positions as arrays; `where` is their field, for messages.
+
+        Returns:
+            (K, n) joint angles [rad]; (K, T, 3) points [m], zero where a target was not read; mask (K, T) of
+            the targets that were read.
+
+        Raises:
+            MeasurementError: a position has another number of joint angles than the robot has joints.
+        """
         for index, position in enumerate(positions):
             if len(position.joints) != self.n:
                 raise MeasurementError(
@@ -63,17 +71,20 @@ class _Readings:
         return angles, self._length * points, present
 
     def covariance(self, points: FloatArray, present: BoolArray) -> FloatArray:
-        """Return covariances of readings in units of sigma²: (3, 3), or (..., 3, 3) by the instrument."""
+        """Return the covariances of points (..., 3) in units of sigma².
+
+        They are (3, 3), the identity, without the data sheet of an instrument, else (..., 3, 3).
+        """
         if self._instrument is None or self.sigma is None:
             return np.eye(3)
         return self._instrument.covariance(at_read_places(points, present)) / self.sigma**2
 
 
 def to_sweeps(request: GeometryRequest, robot: Robot | None) -> SweepSet:
-    """Return the sweeps of a request.
+    """Return the sweeps of a request, in SI units.
 
     Raises:
-        MeasurementError: with the place and the remedy.
+        MeasurementError: a joint or a number of angles does not fit the robot.
         RobotError: the joint map does not fit.
     """
     readings = _Readings(request, robot)
@@ -102,10 +113,10 @@ def to_sweeps(request: GeometryRequest, robot: Robot | None) -> SweepSet:
 
 
 def to_poses(request: GeometryRequest, robot: Robot) -> Poses:
-    """Return the poses of a request.
+    """Return the poses of a request, in SI units.
 
     Raises:
-        MeasurementError: with the place and the remedy.
+        MeasurementError: a number of joint angles does not fit the robot.
     """
     readings = _Readings(request, robot)
     angles, points, present = readings.arrange(request.poses or (), "poses")
@@ -121,7 +132,7 @@ def to_poses(request: GeometryRequest, robot: Robot) -> Poses:
 
 
 def to_conventions(request: GeometryRequest, targets: Sequence[str]) -> Conventions:
-    """Return the conventions that place R0 and the flange frame.
+    """Return the conventions by which R0 and the flange frame are placed; `targets` are those that were read.
 
     Raises:
         MeasurementError: a target that places the flange was not read.
@@ -145,6 +156,7 @@ def to_conventions(request: GeometryRequest, targets: Sequence[str]) -> Conventi
 
 
 def _joint_map(request: GeometryRequest, robot: Robot | None, n: int) -> JointMap:
+    """Return the joint map of the robot, else that of the request, else the identity of n joints."""
     if robot is not None:
         return robot.joint_map
     if request.joint_map is None:

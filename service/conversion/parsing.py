@@ -15,31 +15,31 @@ MAX_SET_BYTES: Final = 8 * 1024 * 1024
 Parsed = TypeVar("Parsed", bound=BaseModel)
 
 NOT_JSON: Final[Set[str]] = frozenset({"not JSON"})
-"""In the place of a document's keys."""
+"""Value of `MalformedError.keys` where the text is not JSON."""
 
 
 class MalformedError(Exception):
-    """A text that is not such a message."""
+    """A text that is not JSON, or that is not a valid message of the wanted model."""
 
     def __init__(self, faults: Sequence[Mapping[str, Any]], keys: Set[str] = NOT_JSON) -> None:
         super().__init__(f"{len(faults)} faults")
-        self.faults = faults  # as pydantic tells them, without what was sent
-        self.keys = keys  # of the document, if it is an object; `NOT_JSON` if it is none of JSON
+        self.faults = faults  # errors as pydantic lists them, without the values that were sent
+        self.keys = keys  # keys of the document if it is an object; `NOT_JSON` if the text is not JSON
 
 
 def parse(message: type[Parsed], content: bytes, section: str | None = None) -> Parsed:
-    """Understand a JSON text.
+    """Parse a JSON text and validate it as a message.
 
-    It is parsed before it is validated. In one go, pydantic would make a copy of the whole text for each
-    field that is missing at its top, gigabytes for a few megabytes.
+    The text is parsed before it is validated. In one step, pydantic would copy the whole text for each
+    missing field at the top level: gigabytes for a text of a few megabytes.
 
     Args:
-        message: what it should be.
-        content: the text, with a byte order mark or without; its depth is limited to 200.
-        section: key of an object under which the message may stand, in place of at the top.
+        message: model of the message.
+        content: the text, with or without a byte order mark; its depth is limited to 200.
+        section: key of the document under which the message may be, instead of at the top level.
 
     Raises:
-        MalformedError: it is not JSON, or not such a message.
+        MalformedError: the text is not JSON, or not a valid message.
     """
     try:
         document = from_json(content.removeprefix(codecs.BOM_UTF8))

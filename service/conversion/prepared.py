@@ -33,7 +33,7 @@ from jointstiff.service.conversion.readings import (
     hash_of,
     to_measurements,
 )
-from jointstiff.service.conversion.robots import dh_kinematics, robot_of_chain, to_bodies
+from jointstiff.service.conversion.robots import build_chain_robot, build_dh_chain, to_bodies
 from jointstiff.service.conversion.units import LENGTH, to_instrument
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RequestError, RobotError
@@ -53,11 +53,11 @@ Header = TypeVar("Header", bound=MeasurementSetHeader)
 
 
 def stated_transform(frame: Frame, length: float) -> pin.SE3:
-    """Return an explicit transform from tracker to R0, its rotation made exact.
+    """Return the transform from tracker to R0 [m] that a frame states, its rotation made orthonormal.
 
     Args:
-        frame: with rotation and translation.
-        length: metres in the set's unit of length.
+        frame: frame with a rotation and a translation.
+        length: the set's unit of length in m.
 
     Raises:
         MeasurementError: the matrix is not a rotation.
@@ -70,7 +70,7 @@ def stated_transform(frame: Frame, length: float) -> pin.SE3:
 
 
 def to_resolved(transform: pin.SE3, flange_targets: dict[str, Vector3] | None = None) -> ResolvedFrame:
-    """Return what a frame means, to be stored with its set."""
+    """Return a transform from tracker to R0 [m] as it is stored with its set, with its flange targets."""
     rigid = to_rigid(transform)
     return ResolvedFrame(
         rotation=rigid.rotation, translation=rigid.translation, flange_targets=flange_targets or {}
@@ -78,7 +78,7 @@ def to_resolved(transform: pin.SE3, flange_targets: dict[str, Vector3] | None = 
 
 
 def placed(resolved: ResolvedFrame | None) -> dict[str, Any]:
-    """Return the fields of a stored set that say what its frame means."""
+    """Return the fields of a stored set for its resolved frame; empty if all its readings are in R0."""
     if resolved is None:
         return {}
     frame = Rigid(rotation=resolved.rotation, translation=resolved.translation)
@@ -88,16 +88,16 @@ def placed(resolved: ResolvedFrame | None) -> dict[str, Any]:
 def in_base(
     header: Header, readings: ReadingArrays, resolved: ResolvedFrame | None
 ) -> tuple[Header, ReadingArrays]:
-    """Transform all that is in the tracker's frame to R0, in the set's units.
+    """Transform a set from the tracker's frame to R0; return its header and readings, in the set's units.
 
     Positions are moved; deflections, covariances and, if the frame says so, forces are turned. The
-    transform's own uncertainty is left out: of 100 µrad it changes a deflection of 1 mm by 0.1 µm, and a
-    lever of 2 m by 0.2 mm.
+    transform's own uncertainty is left out: 100 µrad change a deflection of 1 mm by 0.1 µm, and a lever of
+    2 m by 0.2 mm.
 
     Args:
-        header: of the set.
-        readings: as they were posted.
-        resolved: what the header's frame means; None if all is in R0.
+        header: header of the set.
+        readings: readings as they were posted.
+        resolved: transform of the header's frame; None if all readings are in R0 already.
     """
     if resolved is None or header.frame is None:
         return header, readings
@@ -114,7 +114,7 @@ def in_base(
         force=readings.force @ forces.T,
         moment=readings.moment @ forces.T,
         noise=_turn_covariances(readings.noise, R) if readings.noise is not None else None,
-        directions=None if readings.directions is None else readings.directions.turned(R),
+        directions=None if readings.directions is None else readings.directions.rotated(R),
     )
     known = {name: _scale_vector(place, 1.0 / length) for name, place in resolved.flange_targets.items()}
     update = {"flange_targets": known | header.flange_targets, "noise": _move_station(header.noise, R, t)}
@@ -122,14 +122,15 @@ def in_base(
 
 
 def _turn_covariances(noise: PointNoise, R: FloatArray) -> PointNoise:
-    """Turn covariances, and keep them symmetric to the last digit."""
-    parts = [R @ part @ R.T for part in (noise.unloaded, noise.loaded)]
-    even = [0.5 * (part + np.swapaxes(part, -1, -2)) for part in parts]
-    return replace(noise, unloaded=even[0], loaded=even[1])
+    """Return noise whose covariances are turned by a rotation R (3, 3), exactly symmetric."""
+    turned = [R @ covariance @ R.T for covariance in (noise.unloaded, noise.loaded)]
+    # Rounding of the products leaves the two triangles unequal in the last digit.
+    symmetric = [0.5 * (covariance + np.swapaxes(covariance, -1, -2)) for covariance in turned]
+    return replace(noise, unloaded=symmetric[0], loaded=symmetric[1])
 
 
 def _move_station(noise: Noise | None, R: FloatArray, t: FloatArray) -> Noise | None:
-    """Return the noise with the station in R0."""
+    """Return the noise with the instrument's station moved to R0 by a rotation R and a translation t."""
     if noise is None or noise.instrument is None:
         return noise
     station = _scale_vector(R @ np.array(noise.instrument.station) + t, 1.0)
@@ -137,6 +138,7 @@ def _move_station(noise: Noise | None, R: FloatArray, t: FloatArray) -> Noise | 
 
 
 def _scale_vector(vector: npt.ArrayLike, factor: float) -> tuple[float, float, float]:
+    """Return a vector of three coordinates times a factor, as a tuple."""
     x, y, z = (factor * np.asarray(vector, dtype=np.float64)).tolist()
     return x, y, z
 
@@ -147,12 +149,12 @@ def to_base_targets(
     """Return the base targets that were read both times; None if none were read a second time.
 
     Args:
-        request: with the first readings.
-        sigma: unit of the covariances [m]; None if it is not stated.
-        after: the second ones, in units.length of the request; its own if None.
+        request: request with the first readings.
+        sigma: standard uncertainty that scales the covariances [m]; None if no noise is stated.
+        after: second readings by target, in the request's unit of length; those of the request if None.
 
     Raises:
-        MeasurementError: fewer than three were read both times.
+        MeasurementError: fewer than three targets were read both times.
     """
     from jointstiff.solver.geometry.frames import BaseTargets
 
@@ -204,13 +206,15 @@ class PreparedSet:
         return hash_of(self.robot_hash, self.content_hash)
 
     def run_hash(self, request: RunRequest) -> str:
-        """Return the SHA-256 of robot, readings and options, by which a run knows its campaign."""
+        """Return the SHA-256 of robot, readings and options of a run: equal runs have equal hashes."""
         options = request.model_dump_json(exclude={"measurement_set_id", "leave_out", "variant_of"})
         return hash_of(self.content, options, "" if request.weight is None else repr(self.robot.bodies))
 
 
 def prepare_robot(document: RobotDocument) -> PreparedRobot:
-    """Understand a robot: of a URDF only the chain from base to flange is kept.
+    """Check the document of a robot, and build the robot.
+
+    An arm of the catalogue is replaced by its DH table, a URDF by its chain from base to flange.
 
     Raises:
         RobotError: the description cannot be used, or the catalogue has no such arm.
@@ -218,7 +222,7 @@ def prepare_robot(document: RobotDocument) -> PreparedRobot:
     model = document.model
     if isinstance(model, GeometryModel):
         raise RobotError(
-            f"the geometry '{model.geometry_id}' is stored, and cannot be used here",
+            f"the stored geometry '{model.geometry_id}' cannot be used here",
             where="model.geometry_id",
             remedy="store the robot in a service, and give its `robot_id`",
         )
@@ -231,31 +235,32 @@ def prepare_robot(document: RobotDocument) -> PreparedRobot:
         joint_map = document.joint_map or arm.joint_map
         document = document.model_copy(update={"model": model, "joint_map": joint_map})
     if isinstance(model, UrdfModel):
-        chain = _chain_of_stranger(model)
+        chain = _read_uploaded_urdf(model)
         bodies = document.bodies or to_bodies(read_inertials(model.urdf, chain), chain)
         model = model.model_copy(update={"urdf": write_urdf(chain)})
         document = document.model_copy(update={"model": model, "bodies": bodies})
     robot = build_robot(document)
-    of_rows = {} if robot.prismatic.any() else {"model": {"rows": {"__all__": {"kind"}}}}  # as before kinds
-    content = document.model_dump_json(exclude={"name": True, "bodies": True, **of_rows})
+    # Robots were hashed before joints had kinds: without prismatic joints, the hash has to stay what it was.
+    kinds = {} if robot.prismatic.any() else {"model": {"rows": {"__all__": {"kind"}}}}
+    content = document.model_dump_json(exclude={"name": True, "bodies": True, **kinds})
     return PreparedRobot(document, robot, hash_of(content))
 
 
 def build_robot(document: RobotDocument) -> Robot:
-    """Build a robot that was understood before.
+    """Build the robot of a document that `prepare_robot` returned.
 
     Raises:
         RobotError: the description cannot be used.
-        TypeError: the robot was not understood before.
+        TypeError: the document did not come from `prepare_robot`.
     """
     model = document.model
     if isinstance(model, DhModel):
-        chain = dh_kinematics(model, document.name)
+        chain = build_dh_chain(model, document.name)
     elif not isinstance(model, UrdfModel):
         raise TypeError("prepare the robot first")
     else:
         chain = read_urdf(model.urdf, model.base, model.flange)
-    return robot_of_chain(chain, document.joint_map, document.bodies or ())
+    return build_chain_robot(chain, document.joint_map, document.bodies or ())
 
 
 def check_set(
@@ -268,21 +273,21 @@ def check_set(
     robot_id: str = "",
     robot_hash: str = "",
 ) -> PreparedSet:
-    """Check a set, and look for the usual mistakes.
+    """Check a measurement set, and look for the usual mistakes; return the set ready for computation.
 
     Args:
         document: the set as it was posted.
         robot: the robot that was measured.
-        resolved: the transform that its frame means; None if all is in R0.
-        noticed: findings about that frame.
+        resolved: transform from the set's frame to R0; None if all readings are in R0.
+        noticed: findings about the frame, to which those about the readings are added.
         others: robots that may have been measured instead, as `inspect` takes them.
         robot_id: id of the robot, if it is stored.
-        robot_hash: hash of its content.
+        robot_hash: hash of the robot's content.
 
     Raises:
-        MeasurementError: the set cannot be used; with the place and the remedy.
+        MeasurementError: the set cannot be used.
     """
-    with _naming_the_observation(document.observations):
+    with _add_label_to_errors(document.observations):
         readings = ReadingArrays.from_observations(document.observations)
         measurements = to_measurements(*in_base(document, readings, resolved), robot)
     findings = list(noticed)
@@ -293,8 +298,8 @@ def check_set(
 
 
 @contextmanager
-def _naming_the_observation(observations: Sequence[Observation]) -> Iterator[None]:
-    """Name the observation by its label in an error that gives only its number."""
+def _add_label_to_errors(observations: Sequence[Observation]) -> Iterator[None]:
+    """Add the observation's label to a `MeasurementError` of the block that gives only its number."""
     try:
         yield
     except MeasurementError as error:
@@ -309,17 +314,17 @@ def _naming_the_observation(observations: Sequence[Observation]) -> Iterator[Non
 def prepare_set(
     document: MeasurementSetDocument, robot: PreparedRobot, robot_id: str, others: Iterable[KnownRobot] = ()
 ) -> PreparedSet:
-    """Prepare a set without a store.
+    """Check a measurement set without a store; return the set ready for computation.
 
     Args:
-        document: the set, in R0 or in a frame that it states itself.
+        document: the set, in R0 or in a frame that the set states in numbers.
         robot: the robot that was measured.
-        robot_id: any id for it.
+        robot_id: any id for the robot.
         others: robots that may have been measured instead, as `inspect` takes them.
 
     Raises:
-        MeasurementError: the set cannot be used; with the place and the remedy.
-        RequestError: its frame names a stored geometry.
+        MeasurementError: the set cannot be used.
+        RequestError: the set's frame names a stored geometry.
     """
     return check_set(
         document,
@@ -333,10 +338,10 @@ def prepare_set(
 
 
 def own_frame(document: MeasurementSetDocument) -> ResolvedFrame | None:
-    """Return the frame that a set states itself; None without one.
+    """Return the frame that a set states in numbers; None if the set is in R0.
 
     Raises:
-        RequestError: it names a stored geometry.
+        RequestError: the frame names a stored geometry, which only a service has.
     """
     frame = document.frame
     if frame is None:
@@ -350,7 +355,12 @@ def own_frame(document: MeasurementSetDocument) -> ResolvedFrame | None:
     return to_resolved(stated_transform(frame, LENGTH[document.units.length]))
 
 
-def _chain_of_stranger(model: UrdfModel) -> KinematicChain:
+def _read_uploaded_urdf(model: UrdfModel) -> KinematicChain:
+    """Return the chain from base to flange of a URDF; errors name the field of the model.
+
+    Raises:
+        RobotError: the URDF cannot be used.
+    """
     try:
         return read_urdf(model.urdf, model.base, model.flange)
     except RobotError as error:
@@ -360,10 +370,10 @@ def _chain_of_stranger(model: UrdfModel) -> KinematicChain:
 
 
 def without(observations: Sequence[Observation], labels: Collection[str]) -> list[Observation]:
-    """Return the observations of a set but for those of some labels.
+    """Return the observations of a set without those that have some labels.
 
     Raises:
-        RequestError: the set has no observation of such a label, or none remains.
+        RequestError: no observation has one of the labels, or no observation remains.
     """
     unknown = set(labels) - {observation.label for observation in observations}
     if unknown:

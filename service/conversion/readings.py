@@ -24,7 +24,7 @@ from jointstiff.schemas.measurement import (
     Units,
 )
 from jointstiff.schemas.robot import MAX_JOINTS
-from jointstiff.service.conversion.robots import joint_factors, named_joints
+from jointstiff.service.conversion.robots import joint_factors, list_joint_names
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT, to_instrument
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError
@@ -45,7 +45,7 @@ from jointstiff.solver.mechanics.robot import Robot
 
 @dataclass(frozen=True, eq=False)
 class ArrayGroup:
-    """Arrays of N observations; a subclass's fields are their names."""
+    """Arrays of N observations that are stored together; the fields of a subclass are the arrays."""
 
     prefix: ClassVar[str]
 
@@ -55,7 +55,7 @@ class ArrayGroup:
 
     @classmethod
     def from_archive(cls, archive: Mapping[str, npt.NDArray[np.generic]]) -> Self | None:
-        """Read them back; None for a set without."""
+        """Build the group from the arrays of an archive; None if the archive has no such group."""
         names = [f"{cls.prefix}{field.name}" for field in fields(cls)]
         return cls(*(archive[name] for name in names)) if names[0] in archive else None
 
@@ -74,7 +74,13 @@ class Directions(ArrayGroup):
     def from_readings(
         cls, shape: tuple[int, int], place: tuple[list[int], list[int]], readings: list[Reading]
     ) -> Directions | None:
-        """Arrange the readings of shape (N, T) at their observation and target; None if there are none."""
+        """Arrange readings along a direction as arrays; None if no reading is along a direction.
+
+        Args:
+            shape: N and T.
+            place: indices of observation and target of each reading.
+            readings: all readings of the set.
+        """
         if all(reading.displacement is None for reading in readings):
             return None
         displacement, vector, in_flange = np.zeros(shape), np.zeros((*shape, 3)), np.zeros(shape, np.bool_)
@@ -85,24 +91,24 @@ class Directions(ArrayGroup):
 
     @property
     def present(self) -> BoolArray:
-        """(N, T) which readings are along a direction."""
+        """Mask (N, T) of the readings along a direction."""
         return np.asarray(self.vector.any(axis=-1))
 
-    def turned(self, R: FloatArray) -> Directions:
-        """Return the same with directions that were posted outside the flange frame turned by R (3, 3)."""
+    def rotated(self, R: FloatArray) -> Directions:
+        """Return directions turned by R (3, 3), but for those that are in the flange frame."""
         vector = np.where(self.in_flange[..., None], self.vector, self.vector @ R.T)
         return replace(self, vector=vector)
 
-    def fields(self, i: int, t: int) -> dict[str, Any]:
-        """Return what a reading posted, by the names of its fields."""
+    def reading_fields(self, i: int, t: int) -> dict[str, Any]:
+        """Return displacement and direction of observation i and target t, by the names of their fields."""
         name = "flange_direction" if self.in_flange[i, t] else "direction"
         return {"displacement": float(self.displacement[i, t]), name: tuple(self.vector[i, t].tolist())}
 
     def unit_vectors(self, robot: Robot, joints: FloatArray) -> FloatArray:
-        """(N, T, 3) directions of length one in R0; zero for readings of another kind.
+        """Return unit vectors (N, T, 3) of the directions in R0; zero for readings of another kind.
 
         Args:
-            robot: n joints.
+            robot: robot with n joints.
             joints: (N, n) controller angles [rad].
         """
         rotation = Postures(robot, robot.joint_map.model_angles(joints)).flange_rotation
@@ -113,7 +119,7 @@ class Directions(ArrayGroup):
 
 @dataclass(frozen=True, eq=False)
 class EncoderArrays(ArrayGroup):
-    """N observations of up to E encoders."""
+    """Angles of N observations of E secondary encoders."""
 
     prefix = "encoder_"
 
@@ -124,10 +130,10 @@ class EncoderArrays(ArrayGroup):
 
     @classmethod
     def from_observations(cls, observations: list[Observation]) -> EncoderArrays | None:
-        """Arrange the readings; None if there are none.
+        """Arrange the readings of encoders as arrays; None if no encoder was read.
 
         Raises:
-            MeasurementError: a joint is given twice in an observation, or there are too many.
+            MeasurementError: an observation has a joint twice, or there are too many joints.
         """
         names = dict.fromkeys(r.joint for o in observations for r in o.encoder_readings or ())
         if not names:
@@ -155,8 +161,8 @@ class EncoderArrays(ArrayGroup):
                 unloaded[place], loaded[place] = reading.unloaded, reading.loaded
         return cls(np.array(list(names)), present, unloaded, loaded)
 
-    def readings(self, i: int) -> list[EncoderReading] | None:
-        """Return those of one observation as they were posted, by `joints`; None if there are none."""
+    def readings_of(self, i: int) -> list[EncoderReading] | None:
+        """Return the encoder readings of observation i as they were posted; None if it has none."""
         readings = [
             EncoderReading.model_construct(
                 joint=str(self.joints[e]),
@@ -167,11 +173,11 @@ class EncoderArrays(ArrayGroup):
         ]
         return readings or None
 
-    def columns(self, joint_names: tuple[str, ...]) -> IndexArray:
-        """Return (E,) the robot's joint of each encoder.
+    def joint_indices(self, joint_names: tuple[str, ...]) -> IndexArray:
+        """Return indices (E,) of the encoders' joints among the robot's joints.
 
         Raises:
-            MeasurementError: the robot has no such joint.
+            MeasurementError: the robot has no joint of an encoder's name.
         """
         for e, name in enumerate(self.joints.tolist()):
             if name not in joint_names:
@@ -190,20 +196,20 @@ class PointNoise(ArrayGroup):
 
     prefix = "noise_"
 
-    sigma: FloatArray  # (N, T)
-    unloaded: FloatArray  # (N, T, 3, 3) covariance before the load
-    loaded: FloatArray  # (N, T, 3, 3) under load
+    sigma: FloatArray  # (N, T) standard uncertainty of each coordinate
+    unloaded: FloatArray  # (N, T, 3, 3) covariance of the unloaded position
+    loaded: FloatArray  # (N, T, 3, 3) covariance of the loaded position
 
     @classmethod
     def from_readings(
         cls, shape: tuple[int, int], place: tuple[list[int], list[int]], readings: list[Reading]
     ) -> PointNoise | None:
-        """Arrange what the readings state; None if none states anything.
+        """Arrange the noise that readings state as arrays; None if no reading states its noise.
 
         Args:
             shape: N and T.
-            place: observation and target of each reading.
-            readings: all of the set.
+            place: indices of observation and target of each reading.
+            readings: all readings of the set.
 
         Raises:
             MeasurementError: some readings of the tracker state their noise, and others do not.
@@ -212,7 +218,7 @@ class PointNoise(ArrayGroup):
         if not any(stated):
             return None
         tracker = [i for i, r in enumerate(readings) if r.displacement is None]
-        _refuse_gaps([stated[i] for i in tracker], [place[0][i] for i in tracker])
+        _refuse_partly_stated_noise([stated[i] for i in tracker], [place[0][i] for i in tracker])
         sigma, unloaded, loaded = np.zeros(shape), np.zeros((*shape, 3, 3)), np.zeros((*shape, 3, 3))
         for i, t, reading in zip(*place, readings, strict=True):
             if reading.sigma is not None:
@@ -221,20 +227,20 @@ class PointNoise(ArrayGroup):
                 unloaded[i, t], loaded[i, t] = reading.unloaded_covariance, reading.loaded_covariance
         return cls(sigma, unloaded, loaded)
 
-    def fields(self, i: int, t: int) -> dict[str, Any]:
-        """Return what a reading stated, by the names of its fields."""
+    def reading_fields(self, i: int, t: int) -> dict[str, Any]:
+        """Return the noise that observation i stated of target t, by the names of the fields; else empty."""
         if self.sigma[i, t]:
             return {"sigma": float(self.sigma[i, t])}
         if not self.unloaded[i, t].any():
             return {}
         return {
-            "unloaded_covariance": _rows(self.unloaded[i, t]),
-            "loaded_covariance": _rows(self.loaded[i, t]),
+            "unloaded_covariance": _matrix_rows(self.unloaded[i, t]),
+            "loaded_covariance": _matrix_rows(self.loaded[i, t]),
         }
 
     @property
     def stated(self) -> BoolArray:
-        """(N, T) True where the noise of a reading is stated: a sigma, or covariances."""
+        """Mask (N, T) of the readings that state a sigma or covariances."""
         return np.asarray((self.sigma > 0.0) | self.unloaded.any(axis=(2, 3)))
 
     def covariances(self) -> tuple[FloatArray, FloatArray]:
@@ -243,12 +249,18 @@ class PointNoise(ArrayGroup):
         return self.unloaded + isotropic, self.loaded + isotropic
 
 
-def _rows(matrix: FloatArray) -> Matrix3:
+def _matrix_rows(matrix: FloatArray) -> Matrix3:
+    """Return the rows of a (3, 3) matrix as tuples."""
     x, y, z = (tuple(row) for row in matrix.tolist())
     return x, y, z
 
 
-def _refuse_gaps(stated: list[bool], observations: list[int]) -> None:
+def _refuse_partly_stated_noise(stated: list[bool], observations: list[int]) -> None:
+    """Refuse readings if only some of them state their noise; `observations` are their indices.
+
+    Raises:
+        MeasurementError: a reading states no noise, but another does.
+    """
     if len(set(stated)) < 2:
         return
     i = observations[stated.index(False)]
@@ -262,21 +274,21 @@ def _refuse_gaps(stated: list[bool], observations: list[int]) -> None:
 def to_noise(
     noise: Noise | None, points: PointNoise | None, robot: Robot, plain: Measurements, *, length: float
 ) -> tuple[float | None, FloatArray]:
-    """Return sigma [m], None where nothing is stated, and the deflections' covariance in units of sigma².
+    """Return sigma [m], None where no noise is stated, and the deflections' covariance in units of sigma².
 
     Args:
-        noise: of the set.
-        points: what its readings state of their own.
-        robot: n joints.
-        plain: the readings, without noise.
-        length: metres in the set's unit of length.
+        noise: noise that is stated for the set.
+        points: noise that readings state themselves.
+        robot: the robot that was measured.
+        plain: measurements in SI units, still without noise.
+        length: the set's unit of length in m.
 
     Raises:
-        MeasurementError: two kinds of noise, or one that is none.
+        MeasurementError: noise is stated twice or for some readings only, or a matrix is not a covariance.
     """
     present = plain.present
     own = np.zeros_like(present) if points is None else points.stated
-    _refuse_unclear(noise, own, plain)
+    _refuse_ambiguous_noise(noise, own, plain)
     instrument = (
         None if noise is None or noise.instrument is None else to_instrument(noise.instrument, length)
     )
@@ -297,13 +309,16 @@ def to_noise(
     return stated.sigma, stated.covariance
 
 
-def _refuse_unclear(noise: Noise | None, own: BoolArray, plain: Measurements) -> None:
-    """Refuse noise that is stated twice, or of some readings only.
+def _refuse_ambiguous_noise(noise: Noise | None, own: BoolArray, plain: Measurements) -> None:
+    """Refuse noise that is stated twice, or for some readings only.
 
     Args:
-        noise: of the set; it belongs to the readings that state none.
-        own: (N, T) readings that state their own.
-        plain: the readings.
+        noise: noise of the set; it holds for the readings that state no noise themselves.
+        own: mask (N, T) of the readings that state their noise themselves.
+        plain: measurements in SI units, still without noise.
+
+    Raises:
+        MeasurementError: noise is stated twice, or not at all for a reading.
     """
     rest = plain.present & ~own
     kind = next((k for k in ("sigma", "instrument") if getattr(noise, k, None) is not None), None)
@@ -324,13 +339,13 @@ def _refuse_unclear(noise: Noise | None, own: BoolArray, plain: Measurements) ->
 
 
 def to_common_uncertainty(noise: Noise | None, length: float) -> CommonUncertainty:
-    """Return the uncertainty of what all observations share.
+    """Return the uncertainty of quantities that all observations share, such as load point and axes.
 
-    What is not stated of the load point and of the forces' scale is assumed.
+    Uncertainties of the load point and of the forces' scale that are not stated are assumed.
 
     Args:
-        noise: of the set.
-        length: metres in the set's unit of length.
+        noise: noise that is stated for the set.
+        length: the set's unit of length in m.
     """
     assumed = CommonUncertainty(
         scale=ASSUMED_FORCE_SCALE,
@@ -355,7 +370,7 @@ def to_common_uncertainty(noise: Noise | None, length: float) -> CommonUncertain
     )
 
 
-_GROUPS: dict[str, type[ArrayGroup]] = {
+_OPTIONAL_GROUPS: dict[str, type[ArrayGroup]] = {
     "encoders": EncoderArrays,
     "noise": PointNoise,
     "directions": Directions,
@@ -387,17 +402,17 @@ class ReadingArrays:
 
     @classmethod
     def from_observations(cls, observations: list[Observation]) -> ReadingArrays:
-        """Arrange the observations.
+        """Arrange observations as arrays, in the units of their set.
 
         Raises:
-            MeasurementError: joints of different lengths, a label, a target or an encoder given twice,
-                too many different targets or encoders, noise stated of some readings only.
+            MeasurementError: numbers of joint angles differ; a label, a target or an encoder occurs twice;
+                there are too many targets or encoders; noise is stated for some readings only.
         """
         _refuse_unlike_observations(observations)
         names = dict.fromkeys(r.target for o in observations for r in o.readings)
-        _refuse_crowd(names)
+        _refuse_too_many_targets(names)
         column = {name: i for i, name in enumerate(names)}
-        rows, columns, readings = _flatten(observations, column)
+        rows, columns, readings = _list_readings(observations, column)
         shape = (len(observations), len(names))
         place = rows, columns
         return cls(
@@ -425,7 +440,7 @@ class ReadingArrays:
 
     @property
     def unloaded_only(self) -> BoolArray:
-        """(N, T) readings that are positions without a load, and nothing else."""
+        """Mask (N, T) of the targets that were read without a load only."""
         return np.isnan(self.loaded[..., 0])
 
     def observations(self) -> list[Observation]:
@@ -439,16 +454,17 @@ class ReadingArrays:
                 moment=tuple(self.moment[i].tolist()) if self.moment_given[i] else None,
                 load_point=tuple(self.load_point[i].tolist()) if self.load_point_given[i] else None,
                 readings=[self._reading(i, int(t)) for t in np.flatnonzero(self.present[i])],
-                encoder_readings=self.encoders.readings(i) if self.encoders else None,
+                encoder_readings=self.encoders.readings_of(i) if self.encoders else None,
             )
             for i in range(len(self.labels))
         ]
 
     def _reading(self, i: int, t: int) -> Reading:
+        """Return the reading of observation i and target t as it was posted."""
         loaded = tuple(self.loaded[i, t].tolist())
-        noise = self.noise.fields(i, t) if self.noise else {}
+        noise = self.noise.reading_fields(i, t) if self.noise else {}
         if self.directions is not None and self.directions.present[i, t]:
-            noise |= self.directions.fields(i, t)
+            noise |= self.directions.reading_fields(i, t)
             return Reading.model_construct(target=str(self.targets[t]), **noise)
         if self.as_deflection[i, t]:
             return Reading.model_construct(target=str(self.targets[t]), deflection=loaded, **noise)
@@ -460,32 +476,32 @@ class ReadingArrays:
     def pack(self) -> bytes:
         """Serialise as npz, without pickles."""
         buffer = io.BytesIO()
-        np.savez(buffer, allow_pickle=False, **self._arrays())
+        np.savez(buffer, allow_pickle=False, **self._arrays_by_name())
         return buffer.getvalue()
 
     @classmethod
     def unpack(cls, blob: bytes) -> ReadingArrays:
-        """Read what `pack` wrote."""
+        """Return the readings that `pack` serialised."""
         with np.load(io.BytesIO(blob), allow_pickle=False) as archive:
-            arrays: dict[str, Any] = {name: archive[name] for name in cls._always()}
-            arrays |= {name: group.from_archive(archive) for name, group in _GROUPS.items()}
+            arrays: dict[str, Any] = {name: archive[name] for name in cls._required_names()}
+            arrays |= {name: group.from_archive(archive) for name, group in _OPTIONAL_GROUPS.items()}
             return cls(**arrays)
 
     @classmethod
-    def _always(cls) -> list[str]:
+    def _required_names(cls) -> list[str]:
         """Return names of the arrays that every set has."""
-        return [field.name for field in fields(cls) if field.name not in _GROUPS]
+        return [field.name for field in fields(cls) if field.name not in _OPTIONAL_GROUPS]
 
-    def _arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Return the arrays by name; of the groups only those that there are."""
-        arrays = {name: getattr(self, name) for name in self._always()}
-        groups = (getattr(self, name) for name in _GROUPS)
+    def _arrays_by_name(self) -> dict[str, npt.NDArray[Any]]:
+        """Return the arrays by name: those that every set has, then those of the groups that this set has."""
+        arrays = {name: getattr(self, name) for name in self._required_names()}
+        groups = (getattr(self, name) for name in _OPTIONAL_GROUPS)
         return arrays | {name: array for group in groups if group for name, array in group.arrays().items()}
 
     def digest(self) -> bytes:
         """Return SHA-256 of names, types, shapes and contents."""
         digest = hashlib.sha256()
-        for name, array in self._arrays().items():
+        for name, array in self._arrays_by_name().items():
             digest.update(f"{name} {array.dtype.str} {array.shape};".encode())
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.digest()
@@ -494,20 +510,33 @@ class ReadingArrays:
 def content_hash(
     header: MeasurementSetHeader, readings: ReadingArrays, resolved: ResolvedFrame | None = None
 ) -> str:
-    """Return SHA-256 of a set's header, its readings and what its frame means, not its name."""
+    """Return the SHA-256 of a set's header, its readings and its resolved frame, but not of its name."""
     refuted = header.noise is not None and header.noise.refuted
     text = header.model_dump_json(
         include={"units", "encoders", "noise", "flange_targets", "load_point"},
-        exclude=None if refuted else {"noise": {"refuted"}},  # sets were hashed before there was this field
+        # Sets were hashed before this field existed: where it is False, the hash has to stay what it was.
+        exclude=None if refuted else {"noise": {"refuted"}},
     )
     if header.frame is not None and resolved is not None:
         text += f"{header.frame.forces} {resolved.model_dump_json()}"
     return hashlib.sha256(text.encode() + readings.digest()).hexdigest()
 
 
-def _flatten(
+def _list_readings(
     observations: list[Observation], column: dict[str, int]
 ) -> tuple[list[int], list[int], list[Reading]]:
+    """Return the readings of all observations in one list, with their indices of observation and target.
+
+    Args:
+        observations: observations of a set.
+        column: index of each target by its name.
+
+    Returns:
+        Indices of the observations; indices of the targets; readings.
+
+    Raises:
+        MeasurementError: an observation has two readings of a target.
+    """
     rows, columns, readings = [], [], []
     seen = set[tuple[int, int]]()
     for i, observation in enumerate(observations):
@@ -529,13 +558,17 @@ def _flatten(
 def _scatter(
     shape: tuple[int, ...], place: tuple[list[int], list[int]], values: list[Any], kind: type[np.generic]
 ) -> npt.NDArray[Any]:
+    """Return an array with values at index pairs (observation, target), and zeros elsewhere."""
     out = np.zeros(shape, dtype=kind)
     out[place] = values
     return out
 
 
-def _refuse_crowd(names: Collection[str]) -> None:
-    """Refuse a name of its own for every reading: arrays are dense, and would take its square in memory."""
+def _refuse_too_many_targets(names: Collection[str]) -> None:
+    """Refuse more than `MAX_TARGETS` different targets.
+
+    The arrays hold all targets of all observations: a new name for every reading would fill the memory.
+    """
     if len(names) > MAX_TARGETS:
         raise MeasurementError(
             f"the set has {len(names)} different targets, more than {MAX_TARGETS}",
@@ -545,7 +578,7 @@ def _refuse_crowd(names: Collection[str]) -> None:
 
 
 def _refuse_unlike_observations(observations: list[Observation]) -> None:
-    """Refuse observations of different numbers of joints, or of one label."""
+    """Refuse observations with different numbers of joint angles, or with the same label."""
     length = len(observations[0].joints)
     first = dict[str, int]()
     for i, observation in enumerate(observations):
@@ -565,35 +598,35 @@ def _refuse_unlike_observations(observations: list[Observation]) -> None:
 
 
 def has_loads(blob: bytes) -> bool:
-    """Return whether any of the readings that `ReadingArrays.pack` wrote was read under a load."""
+    """Return whether any reading was made under a load, in arrays that `ReadingArrays.pack` serialised."""
     with np.load(io.BytesIO(blob), allow_pickle=False) as archive:
         return bool((archive["present"] & ~np.isnan(archive["loaded"][..., 0])).any())
 
 
 def hash_of(*texts: str) -> str:
-    """Return the SHA-256 of some texts, separated by blanks."""
+    """Return the SHA-256, in hexadecimal digits, of texts that are joined by blanks."""
     return hashlib.sha256(" ".join(texts).encode()).hexdigest()
 
 
 def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot: Robot) -> Measurements:
-    """Bring a set to SI units and check that it is complete.
+    """Check that a measurement set in R0 is complete; return its measurements in SI units, with their noise.
 
     Raises:
-        MeasurementError: with the place and the remedy.
+        MeasurementError: the set does not fit the robot, lacks a quantity or a unit, or its noise is unclear.
     """
     if readings.joints.shape[1] != robot.n:
         raise MeasurementError(
             f"there are {readings.joints.shape[1]} joint angles, but the robot has {robot.n} joints",
             where="observations[0].joints",
-            remedy=f"give the {robot.n} controller angles of {named_joints(robot)}",
+            remedy=f"give the {robot.n} controller angles of {list_joint_names(robot)}",
         )
     if header.joint_kinds is not None and tuple(header.joint_kinds) != robot.joint_kinds:
-        stated = zip(robot.joint_names, robot.joint_kinds, header.joint_kinds, strict=False)
-        name, own = next(((name, own) for name, own, given in stated if own != given), ("", None))
+        kinds = zip(robot.joint_names, robot.joint_kinds, header.joint_kinds, strict=False)
+        name, own = next(((name, own) for name, own, given in kinds if own != given), ("", None))
         units = JOINT_UNITS[own or "revolute"]
         raise MeasurementError(
-            f"joint {name} is read as {'an angle' if units.dimension == 'length' else 'a length'}, but the "
-            f"robot's is {own}",
+            f"joint {name} is read as {'an angle' if units.dimension == 'length' else 'a length'}, but in "
+            f"the robot it is {own}",
             where="joint_kinds",
             remedy=f"give its {units.dimension}s, in `units.{units.dimension}`, or check the robot and the "
             "order of the joints",
@@ -612,8 +645,8 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         joints=joints,
         force=FORCE[header.units.force] * readings.force,
         moment=_moment_factor(header.units, readings) * readings.moment,
-        load_point=length * _load_points(header, readings),
-        position=length * _positions(header, readings),
+        load_point=length * _choose_load_points(header, readings),
+        position=length * _choose_positions(header, readings),
         in_flange=readings.as_deflection,
         deflection=length * deflection,
         present=readings.present,
@@ -626,7 +659,7 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
     refuted_sigma = None
     if header.noise is not None and header.noise.refuted:
         refuted_sigma, sigma, covariance = sigma, None, ISOTROPIC_DIFFERENCE
-    encoders = _encoder_readings(header, readings.encoders, robot)
+    encoders = _to_encoder_readings(header, readings.encoders, robot)
     common = to_common_uncertainty(header.noise, length)
     return replace(
         plain,
@@ -639,10 +672,14 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
     )
 
 
-def _encoder_readings(
+def _to_encoder_readings(
     header: MeasurementSetHeader, encoders: EncoderArrays | None, robot: Robot
 ) -> EncoderReadings | None:
-    """Return deflections of the model's joints, where their encoders were read and say something."""
+    """Return deflections of joints [rad] and their noise from secondary encoders; None if none were read.
+
+    Raises:
+        MeasurementError: the encoders show no deflection, their noise is missing, or a joint is prismatic.
+    """
     if encoders is None:
         return None
     if header.encoders == "secondary":
@@ -658,7 +695,7 @@ def _encoder_readings(
             where="noise" if header.noise is None else "noise.encoder_sigma",
             remedy="give both `noise.sigma` and `noise.encoder_sigma`: they weigh angles against lengths",
         )
-    angle, columns = ANGLE[header.units.angle], encoders.columns(robot.joint_names)
+    angle, columns = ANGLE[header.units.angle], encoders.joint_indices(robot.joint_names)
     if robot.prismatic[columns].any():
         name = robot.joint_names[columns[int(np.argmax(robot.prismatic[columns]))]]
         raise MeasurementError(
@@ -674,7 +711,13 @@ def _encoder_readings(
 
 
 def _moment_factor(units: Units, readings: ReadingArrays) -> float:
-    """Return N·m in the unit of moments, to be stated where the others do not imply it."""
+    """Return the unit of moments in N·m.
+
+    It may be omitted if lengths are in m, where it is the unit of force times m, or if no moment is given.
+
+    Raises:
+        MeasurementError: moments are given, and their unit is ambiguous.
+    """
     if units.moment is not None:
         return MOMENT[units.moment]
     if units.length == "m" or not readings.moment.any():
@@ -688,7 +731,12 @@ def _moment_factor(units: Units, readings: ReadingArrays) -> float:
     )
 
 
-def _load_points(header: MeasurementSetHeader, readings: ReadingArrays) -> FloatArray:
+def _choose_load_points(header: MeasurementSetHeader, readings: ReadingArrays) -> FloatArray:
+    """Return load points (N, 3): of the observation, else of the set, in the flange frame.
+
+    Raises:
+        MeasurementError: an observation with a force has no load point.
+    """
     missing = ~readings.load_point_given & readings.force.any(axis=1)
     if header.load_point is not None:
         return np.where(readings.load_point_given[:, None], readings.load_point, header.load_point)
@@ -701,8 +749,12 @@ def _load_points(header: MeasurementSetHeader, readings: ReadingArrays) -> Float
     return readings.load_point
 
 
-def _positions(header: MeasurementSetHeader, readings: ReadingArrays) -> FloatArray:
-    """Return places of the targets: measured in R0, or in the flange frame for deflections."""
+def _choose_positions(header: MeasurementSetHeader, readings: ReadingArrays) -> FloatArray:
+    """Return positions (N, T, 3) of the targets: unloaded, in R0; for deflections in the flange frame.
+
+    Raises:
+        MeasurementError: a target with a deflection has no position in the flange frame.
+    """
     names = [str(name) for name in readings.targets]
     needed = readings.as_deflection.any(axis=0)
     for t in np.flatnonzero(needed):

@@ -26,19 +26,19 @@ if TYPE_CHECKING:  # geometry is no part of an identification
     from jointstiff.schemas.geometry import GeometryUnits
 
 
-def dh_kinematics(model: robots.DhModel, name: str) -> KinematicChain:
-    """Return the chain of a DH table.
+def build_dh_chain(model: robots.DhModel, name: str) -> KinematicChain:
+    """Build the kinematic chain of a DH table; `name` is that of the robot.
 
     Raises:
-        RobotError: a row that makes no robot.
+        RobotError: a row does not describe a joint.
     """
     return dh_chain(model.rows, model.convention, name)
 
 
-def robot_of_chain(
+def build_chain_robot(
     chain: KinematicChain, joint_map: robots.JointMap | None, bodies: Sequence[robots.Body] = ()
 ) -> Robot:
-    """Return a robot of a checked chain.
+    """Build the robot of a checked chain, its bodies with their masses appended to the joints.
 
     Raises:
         RobotError: the joint map does not fit, or a body belongs to no joint.
@@ -70,7 +70,7 @@ def robot_of_chain(
 
 
 def to_bodies(bodies: Sequence[Body], chain: KinematicChain) -> list[robots.Body] | None:
-    """Return the bodies that a URDF has as they are stored; None for none."""
+    """Return the bodies of a URDF as they are stored, with names of joints; None without bodies."""
     return [
         robots.Body(name=body.name, joint=chain.joint_names[body.joint], mass=body.mass, centre=body.centre)
         for body in bodies
@@ -84,10 +84,10 @@ def describe_joints(robot: Robot) -> list[robots.Joint]:
 
 
 def to_postures(robot: Robot, joints: list[list[float]]) -> list[Posture]:
-    """Return the robot in some configurations, or in that of all zeros.
+    """Return origins and axes of joints and flange for controller positions [rad, m]; for zeros by default.
 
     Raises:
-        RequestError: a configuration that does not have as many angles as the robot has joints.
+        RequestError: a configuration does not have as many angles as the robot has joints.
     """
     for number, angles in enumerate(joints):
         refuse_other_angles(robot, angles, f"joints[{number}]")
@@ -107,15 +107,15 @@ def to_postures(robot: Robot, joints: list[list[float]]) -> list[Posture]:
 
 
 def refuse_far_point(point: Sequence[float] | None, where: str, *, length: float = 1.0) -> None:
-    """Refuse a point on a tool that no tool reaches.
+    """Refuse a point on a tool that is too far from the flange: its unit must be another one.
 
     Args:
-        point: in the flange frame; None is never refused.
-        where: for the message.
-        length: metres in its unit.
+        point: coordinates in the flange frame; None is never refused.
+        where: field of the point, for the message.
+        length: unit of the coordinates in m.
 
     Raises:
-        RequestError: it is further than `FAR_POINT` from the flange.
+        RequestError: the point is further than `FAR_POINT` from the flange.
     """
     distance = 0.0 if point is None else length * hypot(*point)
     if distance > FAR_POINT:
@@ -127,30 +127,30 @@ def refuse_far_point(point: Sequence[float] | None, where: str, *, length: float
 
 
 def joint_factors(robot: Robot, units: Units | GeometryUnits) -> FloatArray:
-    """Return what the unit of each joint's position (n,) is worth in rad, or in m of a prismatic joint."""
+    """Return factors (n,) from the units of the joints' positions to rad, or to m for prismatic joints."""
     return robot.by_kind(ANGLE[units.angle], LENGTH[units.length])
 
 
 def refuse_other_angles(robot: Robot, angles: Sequence[float], where: str) -> None:
-    """Refuse a posture that does not have one position for each joint.
+    """Refuse a posture whose number of angles is not the number of joints.
 
     Raises:
-        RequestError: it has more or fewer.
+        RequestError: the posture has more or fewer angles than the robot has joints.
     """
     if len(angles) != robot.n:
         raise RequestError(
             f"there are {len(angles)} joint angles, but the robot has {robot.n} joints",
             where=where,
-            remedy=f"give the {robot.n} controller angles of {named_joints(robot)}",
+            remedy=f"give the {robot.n} controller angles of {list_joint_names(robot)}",
         )
 
 
 def kinds_of(robot: Robot) -> dict[str, JointKind]:
-    """Return the kinds of the joints by name, as results state them: none where all turn."""
+    """Return the kinds of the joints by name, as results state them: empty if all joints are revolute."""
     return stated_kinds(robot.joint_names, robot.joint_kinds)
 
 
-def named_joints(robot: Robot) -> str:
-    """Return the names of the joints, those of prismatic ones as lengths."""
-    named = zip(robot.joint_names, robot.joint_kinds, strict=True)
-    return ", ".join(f"{name} (length)" if kind == "prismatic" else name for name, kind in named)
+def list_joint_names(robot: Robot) -> str:
+    """Return the names of the joints in one text, prismatic joints marked with `(length)`."""
+    joints = zip(robot.joint_names, robot.joint_kinds, strict=True)
+    return ", ".join(f"{name} (length)" if kind == "prismatic" else name for name, kind in joints)

@@ -23,7 +23,7 @@ MOMENT: Final[dict[str, float]] = {"N.m": 1.0, "N.mm": 1e-3, "kN.m": 1e3, "kgf.m
 
 
 def to_instrument(sheet: StatedInstrument, length: float) -> Instrument:
-    """Return a tracker's sheet in SI units, `length` being metres in its unit of length."""
+    """Return a tracker's data sheet in SI units; `length` is its unit of length in m."""
     x, y, z = sheet.station
     return Instrument(
         station=(length * x, length * y, length * z),
@@ -35,10 +35,10 @@ def to_instrument(sheet: StatedInstrument, length: float) -> Instrument:
 
 
 def goal_of_text(text: str) -> dict[str, Any]:
-    """Parse a goal in words, as `jointstiff.schemas.plan.parse_goal` does.
+    """Parse a goal in words with `parse_goal`; return its document.
 
     Raises:
-        RequestError: the text is no goal.
+        RequestError: the text is not a goal.
     """
     try:
         return parse_goal(text)

@@ -11,8 +11,8 @@ from jointstiff.schemas.imports import MAX_FAULTS
 _MAX_SHOWN = 60
 
 
-def shown(text: str) -> str:
-    """Text from outside, quoted, escaped and short enough for a message."""
+def quote(text: str) -> str:
+    """Return text of a file in quotation marks, escaped and cut to 60 characters, for a message."""
     return repr(text if len(text) <= _MAX_SHOWN else text[:_MAX_SHOWN] + "…")
 
 
@@ -24,7 +24,7 @@ class Place(NamedTuple):
     column: int | None = None  # column of the table, from 1
 
     def __str__(self) -> str:
-        parts = [] if self.file is None else [shown(self.file)]
+        parts = [] if self.file is None else [quote(self.file)]
         parts += [f"line {self.line}"] if self.line is not None else []
         parts += [f"column {self.column}"] if self.column is not None else []
         return ", ".join(parts)
@@ -34,24 +34,24 @@ NOWHERE = Place()
 
 
 class ImportFileError(Exception):
-    """A file that cannot be understood, or only in more than one way."""
+    """Error that a file cannot be understood, or can be understood in more than one way."""
 
     def __init__(
         self, place: Place, reason: str, remedy: str, option: str | None = None, words: tuple[str, ...] = ()
     ) -> None:
         super().__init__(reason, remedy)
-        self.place = place  # where, as far as it is one place
+        self.place = place  # place of the fault; `NOWHERE` if it has no single place
         self.reason = reason  # what is wrong, in a sentence
         self.remedy = remedy  # how to mend it
-        self.option = option  # that settles it, if one does
-        self.words = words  # of the files that the option is about
+        self.option = option  # import option that would settle the question; None if no option does
+        self.words = words  # words of the files that the option has to explain
 
     def __str__(self) -> str:
         place = str(self.place)
         return f"{place + ': ' if place else ''}{self.reason}; {self.remedy}"
 
-    def at(self, place: Place) -> ImportFileError:
-        """Give it a place, if it has none, and return it."""
+    def add_place(self, place: Place) -> ImportFileError:
+        """Set the place of this error if it has none; return this error."""
         self.place = place if self.place == NOWHERE else self.place
         return self
 
@@ -65,25 +65,25 @@ class Faults:
 
     @property
     def full(self) -> bool:
-        """Return whether no more are kept: to look for more is in vain."""
+        """Return whether as many faults are kept as an answer may have: the search for more ends."""
         return len(self.found) >= self.most
 
     def add(self, fault: ImportFileError) -> None:
-        """Keep a fault once, if there are not as many as are shown."""
-        known = any((one.place, one.reason) == (fault.place, fault.reason) for one in self.found)
+        """Keep a fault, unless the same one or the most faults are kept already."""
+        known = any((kept.place, kept.reason) == (fault.place, fault.reason) for kept in self.found)
         if not self.full and not known:
             self.found.append(fault)
 
     def report(
         self, place: Place, reason: str, remedy: str, option: str | None = None, words: tuple[str, ...] = ()
     ) -> None:
-        """Keep the fault that these words describe."""
+        """Build a fault from its parts, and keep it."""
         self.add(ImportFileError(place, reason, remedy, option, words))
 
     @contextmanager
-    def collected(self, place: Place = NOWHERE) -> Iterator[None]:
-        """Keep the fault that ends the block; it is at this place if it has none."""
+    def collect(self, place: Place = NOWHERE) -> Iterator[None]:
+        """Catch and keep an `ImportFileError` of the block; a fault without a place gets this one."""
         try:
             yield
         except ImportFileError as fault:
-            self.add(fault.at(place))
+            self.add(fault.add_place(place))

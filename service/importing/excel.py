@@ -22,7 +22,7 @@ from xml.etree.ElementTree import Element, ParseError, XMLParser, iterparse
 
 from jointstiff.schemas.imports import FilePreview
 from jointstiff.service.importing import grid
-from jointstiff.service.importing.errors import ImportFileError, Place, shown
+from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grid import MAX_COLUMNS, CellKind, Grid, Remark, Row
 
 MAX_UNPACKED_BYTES: Final = 64 * 1024 * 1024
@@ -82,25 +82,28 @@ _QUOTED: Final = re.compile(r'"[^"]*"|\\.|_.|\*.|\[[^\]]*\]')
 
 
 def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
-    """Read one sheet. Formulas are not evaluated; their cells have the values that were stored with them.
+    """Return one sheet of a workbook as a grid; cells with formulas have the values stored with them.
 
     Args:
-        file: its name, for messages.
-        content: its bytes.
-        sheet: name of the sheet; the only one that is not empty if None.
+        file: name of the file, for messages.
+        content: bytes of the file.
+        sheet: name of the sheet; if None, the only sheet that is not empty.
+
+    Raises:
+        ImportFileError: the workbook cannot be read, or the choice of the sheet is not clear.
     """
     archive = Archive(file, content)
-    parts, shared, styles = _parts(archive)
+    parts, shared, styles = _find_parts(archive)
     elements = () if shared is None else archive.elements(shared, "si")
     most = grid.MAX_CELL_LENGTH + 1  # enough to refuse long ones
-    texts = [_text(archive, text)[:most] for text in elements]
+    texts = [_join_text(archive, text)[:most] for text in elements]
     kinds = _number_kinds(archive, styles)
     sheets = {name: _Sheet(archive, part, texts, kinds) for name, part in parts.items()}
-    name = _only_filled(file, sheets) if sheet is None else sheet
+    name = _find_only_filled(file, sheets) if sheet is None else sheet
     if name not in sheets:
         reason, remedy = (
-            f"there is no sheet {shown(name)}",
-            f"give one of {shown(', '.join(sheets))} as `sheet`",
+            f"there is no sheet {quote(name)}",
+            f"give one of {quote(', '.join(sheets))} as `sheet`",
         )
         raise ImportFileError(Place(file), reason, remedy, "sheet", tuple(sheets))
     rows: list[Row] = []
@@ -108,14 +111,14 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
     for row in sheets[name].rows():
         filled = [cell for cell in row.cells if cell]
         if filled[0].startswith(grid.COMMENT_MARKS):
-            comments.append(Remark(row.line, grid.without_mark("\t".join(filled))))
+            comments.append(Remark(row.line, grid.strip_comment_mark("\t".join(filled))))
         else:
             rows.append(row)
     if not rows:
-        raise grid.no_rows(file)
+        raise grid.no_rows_error(file)
     width = max(len(row.cells) for row in rows)
     if width * len(rows) > grid.MAX_CELLS:
-        raise grid.too_large(file, rows[0].line)
+        raise grid.too_large_error(file, rows[0].line)
     notes = sheets[name].notes
     if comments:
         count = f"{len(comments)} row{'s' * (len(comments) > 1)}"
@@ -125,22 +128,34 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
 
 
 def _pad_row(row: Row, width: int) -> Row:
-    """Return a row of a sheet with empty cells at its end."""
+    """Return a row with empty cells added at its end up to a width."""
     more = width - len(row.cells)
     return Row(row.line, row.cells + ("",) * more, (row.kinds or ()) + _EMPTY * more)
 
 
-def _only_filled(file: str, sheets: Mapping[str, _Sheet]) -> str:
-    """Return the name of the only sheet with a row, or of the first if there is none."""
+def _find_only_filled(file: str, sheets: Mapping[str, _Sheet]) -> str:
+    """Return the name of the only sheet with a row, or of the first sheet if all are empty.
+
+    Raises:
+        ImportFileError: several sheets have rows.
+    """
     filled = [name for name, sheet in sheets.items() if next(sheet.rows(), None)]
     if len(filled) > 1:
-        reason = f"several sheets have data: {shown(', '.join(filled))}"
+        reason = f"several sheets have data: {quote(', '.join(filled))}"
         raise ImportFileError(Place(file), reason, "give `sheet`", "sheet", tuple(filled))
     return (filled or list(sheets))[0]
 
 
-def _parts(archive: Archive) -> tuple[dict[str, str], str | None, str | None]:
-    """Return the parts of sheets by their names, of texts that cells refer to, and of formats."""
+def _find_parts(archive: Archive) -> tuple[dict[str, str], str | None, str | None]:
+    """Find the parts of a workbook's archive.
+
+    Returns:
+        Parts of the sheets by the sheets' names; part with the texts that cells share, or None; part with the
+        formats of cells, or None.
+
+    Raises:
+        ImportFileError: two sheets have the same name, or the workbook has no sheet.
+    """
     related: dict[str, dict[str, str]] = {"worksheet": {}, "sharedStrings": {}, "styles": {}}
     for relation in archive.elements("xl/_rels/workbook.xml.rels", "Relationship"):
         kind = relation.get("Type", "").rpartition("/")[2]
@@ -153,15 +168,18 @@ def _parts(archive: Archive) -> tuple[dict[str, str], str | None, str | None]:
         part = related["worksheet"].get(identifier)
         name = sheet.get("name", "")
         if part is not None and names.setdefault(name, part) is not part:
-            raise archive.refusal(f"two sheets have the name {shown(name)}")
+            raise archive.build_error(f"two sheets have the name {quote(name)}")
     if not names or any(len(related[kind]) > 1 for kind in ("sharedStrings", "styles")):
-        raise archive.refusal("a workbook without a sheet, or with two tables of texts or styles")
+        raise archive.build_error("a workbook without a sheet, or with two tables of texts or styles")
     texts, styles = (next(iter(related[kind].values()), None) for kind in ("sharedStrings", "styles"))
     return names, texts, styles
 
 
 def _number_kinds(archive: Archive, part: str | None) -> dict[str, CellKind]:
-    """Return what numbers of each format are: Excel makes a date of 1.5 and a hundredth of 50 %."""
+    """Return what numbers of each format mean, by the index of the format: number, date or percentage.
+
+    Excel stores dates as numbers of days, and 50 % as 0.5; only the format of a cell tells them apart.
+    """
     codes: dict[str, str] = {}
     formats: list[str] = []
     for element in () if part is None else archive.elements(part, "numFmts", "cellXfs"):
@@ -175,6 +193,7 @@ def _number_kinds(archive: Archive, part: str | None) -> dict[str, CellKind]:
 
 
 def _number_kind(number: str, code: str | None) -> CellKind:
+    """Return what numbers of a format mean, by its number if the format is built in, else by its code."""
     if code is None:
         known = int(number) if number.isascii() and number.isdigit() and len(number) < 5 else 0
         return "date" if known in _DATES else "percentage" if known in _PERCENTAGES else "number"
@@ -188,37 +207,42 @@ def _number_kind(number: str, code: str | None) -> CellKind:
 
 
 def _children(archive: Archive, element: Element) -> Iterator[tuple[str, Element]]:
-    """Yield the elements in an element with their names; refuse one that is not known there."""
+    """Yield the children of an element with their names; refuse a child that is not allowed in it.
+
+    Raises:
+        ImportFileError: an unknown child could hold a value that would be lost.
+    """
     allowed = _ALLOWED.get(_NAMES.get(element.tag, ""), set())
     for child in element:
         name = _NAMES.get(child.tag)
         if name not in allowed:
             tag = child.tag.rpartition("}")[2]
-            raise archive.refusal(f"an element {shown(tag)} that {shown(element.tag)} cannot have")
+            raise archive.build_error(f"an element {quote(tag)} that {quote(element.tag)} cannot have")
         yield name, child
 
 
-def _text(archive: Archive, element: Element) -> str:
-    """Return a text, which may consist of pieces of different fonts, without the phonetic ones."""
+def _join_text(archive: Archive, element: Element) -> str:
+    """Join the pieces of a text, which may have different fonts; phonetic pieces are left out."""
     pieces = []
     for name, child in _children(archive, element):
         if name == "r":
-            pieces.append(_text(archive, child))
+            pieces.append(_join_text(archive, child))
         elif name == "t":
-            pieces.append(_plain_number(archive, child))
+            pieces.append(_plain_text(archive, child))
     return "".join(pieces)
 
 
-def _plain_number(archive: Archive, element: Element) -> str:
+def _plain_text(archive: Archive, element: Element) -> str:
+    """Return the text of an element without children."""
     if len(element):
-        next(_children(archive, element))  # which refuses it, as there can be none
+        next(_children(archive, element))  # raises: no child is allowed here
     return element.text or ""
 
 
 class _Sheet:
-    """One sheet, to be read row by row, in the order of its addresses or not at all.
+    """One sheet, which is read row by row; rows or cells that are out of order are refused.
 
-    Each reading begins anew; `notes` are those of the last one.
+    Each call of `rows` reads from the beginning; `notes` are those of the last call.
     """
 
     def __init__(
@@ -230,7 +254,7 @@ class _Sheet:
 
     @property
     def notes(self) -> list[str]:
-        """Return what should be known of the rows that were read, in words."""
+        """Notes for the user on the rows that were read: hidden ones, and formulas."""
         notes = []
         if self._hidden:
             notes.append(f"{self._hidden} rows or columns are hidden in the sheet, and were read as well")
@@ -239,146 +263,155 @@ class _Sheet:
         return notes
 
     def rows(self) -> Iterator[Row]:
-        """Yield the rows that are not empty, each as long as its last cell that is not."""
+        """Yield the rows that are not empty, each up to its last cell with a text."""
         self._line = self._column = self._count = self._hidden = self._formulas = filled = 0
         for element in self._archive.elements(self._part, "row", "col"):
             self._hidden += element.get("hidden") in ("1", "true")
-            row = self._row(element) if _NAMES[element.tag] == "row" else None
+            row = self._read_row(element) if _NAMES[element.tag] == "row" else None
             if row is not None:
                 filled += 1
                 if filled > grid.MAX_ROWS:
-                    raise self._refuse_workbook(f"the sheet has more than {grid.MAX_ROWS} rows")
+                    raise self._workbook_error(f"the sheet has more than {grid.MAX_ROWS} rows")
                 yield row
 
-    def _row(self, element: Element) -> Row | None:
+    def _read_row(self, element: Element) -> Row | None:
+        """Return the row of an element; None if all of its cells are empty."""
         number = element.get("r", str(self._line + 1))
         if not _ROW.fullmatch(number) or not self._line < int(number) <= _MAX_LINE:
-            raise self._refuse_workbook(f"row {shown(number)} follows row {self._line}")
+            raise self._workbook_error(f"row {quote(number)} follows row {self._line}")
         self._line, self._column = int(number), 0
         cells: list[str] = []
         kinds: list[CellKind] = []
         for name, cell in _children(self._archive, element):
             if name == "c":
-                self._find_place(cell.get("r"))
-                text, kind = self._cell(cell)
+                self._advance_to(cell.get("r"))
+                text, kind = self._read_cell(cell)
                 if text:
                     gap = self._column - 1 - len(cells)
                     cells += [*[""] * gap, text]
                     kinds += [*_EMPTY * gap, kind]
         return Row(self._line, tuple(cells), tuple(kinds)) if cells else None
 
-    def _find_place(self, address: str | None) -> None:
+    def _advance_to(self, address: str | None) -> None:
+        """Advance to the column of an address such as `B7`; without an address, to the next column."""
         column = self._column + 1
         if address is not None:
             match = _ADDRESS.fullmatch(address)
-            at = reduce(lambda number, letter: 26 * number + ord(letter) - 64, match[1] if match else "", 0)
-            if match is None or int(match[2]) != self._line or at < column:
-                raise self._refuse_workbook(f"cell {shown(address)} is not in its place")
-            column = at
+            letters = match[1] if match else ""
+            stated = reduce(lambda number, letter: 26 * number + ord(letter) - 64, letters, 0)
+            if match is None or int(match[2]) != self._line or stated < column:
+                raise self._workbook_error(f"cell {quote(address)} is not in its place")
+            column = stated
         self._count += column - self._column
         self._column = column
         if column > MAX_COLUMNS or self._count > MAX_SHEET_CELLS:
-            raise self._refuse_workbook(
+            raise self._workbook_error(
                 f"the sheet has more than {MAX_COLUMNS} columns or {MAX_SHEET_CELLS} cells"
             )
 
-    def _cell(self, cell: Element) -> tuple[str, CellKind]:
-        """Return the text and the kind of a cell; a formula is one if no value is stored with it."""
+    def _read_cell(self, cell: Element) -> tuple[str, CellKind]:
+        """Return the text and the kind of a cell; the kind is `formula` if no value is stored with it."""
         children = {_NAMES.get(child.tag): child for child in cell}
         type_, style = cell.get("t", "n"), cell.get("s", "0")
         if type_ != "n" and type_ not in _KINDS:
-            raise self._refuse_workbook(f"a cell of unknown type {shown(type_)}")
+            raise self._workbook_error(f"a cell of unknown type {quote(type_)}")
         kind = _KINDS.get(type_) or (self._kinds.get(style) if self._kinds else "number")
         if kind is None:
-            raise self._refuse_workbook(f"a cell of unknown format {shown(style)}")
+            raise self._workbook_error(f"a cell of unknown format {quote(style)}")
         holder = "is" if type_ == "inlineStr" else "v"
         if len(children) != len(cell) or not children.keys() <= {holder, "f", "extLst"}:
             tags = ", ".join(child.tag.rpartition("}")[2] for child in cell)
-            raise self._refuse_workbook(
-                f"elements {shown(tags)}, which a cell of type {shown(type_)} cannot have"
+            raise self._workbook_error(
+                f"elements {quote(tags)}, which a cell of type {quote(type_)} cannot have"
             )
-        value = self._value(children[holder], type_) if holder in children else ""
+        value = self._read_value(children[holder], type_) if holder in children else ""
         if "f" in children:
             if not value and type_ != "str":
                 return "= …", "formula"
             self._formulas += 1
         return value, kind
 
-    def _value(self, holder: Element, type_: str) -> str:
-        value = (_text if type_ == "inlineStr" else _plain_number)(self._archive, holder)
+    def _read_value(self, holder: Element, type_: str) -> str:
+        """Return the text of a cell from the element that holds it; type `s` refers to a shared text."""
+        value = (_join_text if type_ == "inlineStr" else _plain_text)(self._archive, holder)
         if type_ == "s" and value:
             known = value.isascii() and value.isdigit() and len(value) < 8
             if not known or int(value) >= len(self._texts):
-                raise self._refuse_workbook(f"a cell that refers to an unknown text {shown(value)}")
+                raise self._workbook_error(f"a cell that refers to an unknown text {quote(value)}")
             value = self._texts[int(value)]
         if len(value) > grid.MAX_CELL_LENGTH:
-            raise self._refuse_workbook(f"a cell has more than {grid.MAX_CELL_LENGTH} characters")
+            raise self._workbook_error(f"a cell has more than {grid.MAX_CELL_LENGTH} characters")
         return value.strip()
 
-    def _refuse_workbook(self, reason: str) -> ImportFileError:
-        return self._archive.refusal(reason, self._line or None, self._column or None)
+    def _workbook_error(self, reason: str) -> ImportFileError:
+        """Return the error that the workbook cannot be read, at the current row and column."""
+        return self._archive.build_error(reason, self._line or None, self._column or None)
 
 
 # ---- the parts of the archive
 
 
 class Archive:
-    """An Excel file that was opened: named parts, within limits that hold for all of them together."""
+    """Archive of an Excel file: named parts, read within limits that hold for all parts together."""
 
     def __init__(self, file: str, content: bytes) -> None:
-        """Open it."""
+        """Open an archive, and refuse one that is damaged, encrypted or too large when unpacked."""
         self._file = file
         self._tags = 0
         try:
             self._zip = zipfile.ZipFile(io.BytesIO(content))
         except _ZIP_FAULTS as error:
-            raise self._damaged(error) from None
+            raise self._damaged_error(error) from None
         parts = self._zip.infolist()
         self._parts = {part.filename: part for part in parts}
         if len(parts) > _MAX_PARTS or len(self._parts) != len(parts):
-            raise self.refusal(f"more than {_MAX_PARTS} parts, or two of one name")
+            raise self.build_error(f"more than {_MAX_PARTS} parts, or two of one name")
         if sum(part.file_size for part in parts) > MAX_UNPACKED_BYTES:
-            raise self.refusal(f"more than {MAX_UNPACKED_BYTES // 1024**2} MiB when unpacked")
+            raise self.build_error(f"more than {MAX_UNPACKED_BYTES // 1024**2} MiB when unpacked")
         if any(part.file_size > _MAX_PLAIN_BYTES + _MAX_RATIO * part.compress_size for part in parts):
-            raise self.refusal(f"a part that is more than {_MAX_RATIO} times as large when unpacked")
+            raise self.build_error(f"a part that is more than {_MAX_RATIO} times as large when unpacked")
         if any(part.flag_bits & 1 for part in parts):
-            raise self.refusal("it is encrypted")
+            raise self.build_error("it is encrypted")
 
-    def refusal(self, reason: str, line: int | None = None, column: int | None = None) -> ImportFileError:
-        """Build the error that this file cannot be read."""
+    def build_error(self, reason: str, line: int | None = None, column: int | None = None) -> ImportFileError:
+        """Return the error that this file cannot be read, for a reason and at a cell."""
         remedy = "open it in Excel and save it again as .xlsx, or save the sheet as CSV"
         return ImportFileError(Place(self._file, line, column), reason, remedy)
 
-    def _damaged(self, error: BaseException) -> ImportFileError:
-        return self.refusal(f"not an Excel file (.xlsx), or damaged ({type(error).__name__})")
+    def _damaged_error(self, error: BaseException) -> ImportFileError:
+        return self.build_error(f"not an Excel file (.xlsx), or damaged ({type(error).__name__})")
 
     def elements(self, name: str, *wanted: str) -> Iterator[Element]:
-        """Yield elements of a part in their order, each with all that it contains; the rest is not kept.
+        """Yield the wanted elements of a part in their order, each with its children.
 
         Args:
-            name: of the part.
+            name: name of the part.
             wanted: names of the elements; none of them may contain another.
+
+        Raises:
+            ImportFileError: the part is missing, damaged or beyond a limit.
         """
         part = self._parts.get(name)
         if part is None:
-            raise self.refusal(f"not an Excel workbook: there is no part {shown(name)}")
+            raise self.build_error(f"not an Excel workbook: there is no part {quote(name)}")
         if part.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise self.refusal(f"part {shown(name)} uses an unsupported compression")
+            raise self.build_error(f"part {quote(name)} uses an unsupported compression")
         try:
-            with self._zip.open(part) as stream:  # which ends at the size that the archive states
-                yield from self._parsed(_Guard(self, name, stream), name, wanted)
+            with self._zip.open(part) as stream:  # zipfile ends the stream at the size that was checked
+                yield from self._parse_elements(_Guard(self, name, stream), name, wanted)
         except ParseError as error:
-            raise self.refusal(f"part {shown(name)} is not well-formed ({error})") from None
+            raise self.build_error(f"part {quote(name)} is not well-formed ({error})") from None
         except _ZIP_FAULTS as error:
-            raise self._damaged(error) from None
+            raise self._damaged_error(error) from None
 
-    def count(self, name: str, tags: int) -> None:
-        """Count tags of a part."""
+    def count_tags(self, name: str, tags: int) -> None:
+        """Add to the count of tags of all parts; refuse the file beyond `MAX_XML_TAGS`."""
         self._tags += tags
         if self._tags > MAX_XML_TAGS:
-            raise self.refusal(f"more than {MAX_XML_TAGS} tags in part {shown(name)} and those before it")
+            raise self.build_error(f"more than {MAX_XML_TAGS} tags in part {quote(name)} and those before it")
 
-    def _parsed(self, stream: _Guard, name: str, wanted: tuple[str, ...]) -> Iterator[Element]:
+    def _parse_elements(self, stream: _Guard, name: str, wanted: tuple[str, ...]) -> Iterator[Element]:
+        """Yield the wanted elements of a stream of XML; other elements are dropped to save memory."""
         tags = {tag for tag, known in _NAMES.items() if known in wanted}
         path: list[Element] = []
         outermost, children = 0, 0  # depth of the wanted element that is open, and what it contains
@@ -390,10 +423,12 @@ class Archive:
                 children += 1
                 if len(path) > _MAX_DEPTH or (outermost and children > _MAX_CHILDREN):
                     limits = f"{_MAX_DEPTH} levels of elements, or {_MAX_CHILDREN} in one,"
-                    raise self.refusal(f"more than {limits} in part {shown(name)}")
+                    raise self.build_error(f"more than {limits} in part {quote(name)}")
                 if element.tag in tags:
                     if outermost:
-                        raise self.refusal(f"the workbook is damaged: element {shown(element.tag)} is nested")
+                        raise self.build_error(
+                            f"the workbook is damaged: element {quote(element.tag)} is nested"
+                        )
                     outermost, children = len(path), 0
                 continue
             if len(path) == outermost:
@@ -401,11 +436,11 @@ class Archive:
                 outermost = 0
             path.pop()
             if path and not outermost:
-                del path[-1][:]
+                del path[-1][:]  # children that were yielded or are not wanted
 
 
 class _Guard:
-    """A stream of XML that ends where it breaks a limit."""
+    """Stream of XML that raises an error where it exceeds a limit or declares a document type."""
 
     def __init__(self, archive: Archive, name: str, stream: IO[bytes]) -> None:
         self._archive, self._name, self._stream = archive, name, stream
@@ -413,13 +448,18 @@ class _Guard:
         self._run = 0
 
     def read(self, size: int = -1, /) -> bytes:
+        """Return the next bytes of the stream.
+
+        Raises:
+            ImportFileError: the bytes declare a document type, or exceed a limit of tags or of text.
+        """
         data = self._stream.read(size)
-        self._archive.count(self._name, data.count(b"<"))
+        self._archive.count_tags(self._name, data.count(b"<"))
         if b"<!DOCTYPE" in self._last + data:
-            reason = f"a document type in part {shown(self._name)}, which could define entities"
-            raise self._archive.refusal(reason)
+            reason = f"a document type in part {quote(self._name)}, which could define entities"
+            raise self._archive.build_error(reason)
         self._last = data[-8:]
         self._run = 0 if b"<" in data else self._run + len(data)
         if self._run > _MAX_MARKUP_BYTES:
-            raise self._archive.refusal(f"a text of more than {_MAX_MARKUP_BYTES} bytes")
+            raise self._archive.build_error(f"a text of more than {_MAX_MARKUP_BYTES} bytes")
         return data

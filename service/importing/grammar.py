@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import Final, Literal, NamedTuple, TypeVar
 
 from jointstiff.schemas.imports import ImportOptions, State
-from jointstiff.service.importing.errors import NOWHERE, ImportFileError, shown
+from jointstiff.service.importing.errors import NOWHERE, ImportFileError, quote
 
 Kind = Literal[
     "name", "collection", "group", "target", "state", "deleted", "time", "validation", "joint", "force",
@@ -28,6 +28,7 @@ _Value = TypeVar("_Value")
 
 
 def _values_by_word(groups: Mapping[_Value, Iterable[str]]) -> Mapping[str, _Value]:
+    """Return the value of each word, from the words of each value."""
     return MappingProxyType({word: value for value, group in groups.items() for word in group})
 
 
@@ -70,18 +71,21 @@ _SPELT: Final[Mapping[str, tuple[Dimension, str]]] = MappingProxyType(
 _FOREIGN: Final[Mapping[str, Dimension | Literal["none"]]] = _values_by_word(_WORDS["foreign"])
 
 
-def spoken(unit: str) -> str:
-    """Return a unit as it reads in a sentence."""
+def name_unit(unit: str) -> str:
+    """Return the name of a unit for a sentence: `inches` for `in`."""
     return "inches" if unit == "in" else unit
 
 
-def unit_named(text: str) -> tuple[Dimension, str] | None:
-    """Return the dimension and canonical name of a unit; None if it is none of ours."""
+def find_known_unit(text: str) -> tuple[Dimension, str] | None:
+    """Return dimension and canonical name of a unit that the import accepts; None for other texts."""
     return _SPELT.get(_normalise_unit(text))
 
 
-def any_unit(text: str) -> tuple[Dimension | None, str] | None:
-    """Return the dimension and name of a unit, ours or a foreign one; None if it is none."""
+def find_any_unit(text: str) -> tuple[Dimension | None, str] | None:
+    """Return dimension and name of any known unit, accepted or not; None if the text is not a unit.
+
+    The dimension is None for a unit of another quantity than length, angle, force and moment.
+    """
     spelt = _normalise_unit(text)
     if spelt in _SPELT:
         return _SPELT[spelt]
@@ -90,9 +94,12 @@ def any_unit(text: str) -> tuple[Dimension | None, str] | None:
 
 
 def _normalise_unit(text: str) -> str:
-    """Return a unit without blanks at its ends; of whole words upper and lower case are the same."""
+    """Return a unit without blanks at its ends, products as `N.m`, words of over 3 letters in lower case.
+
+    The case of short units matters: mN is not MN, and nm is not Nm.
+    """
     plain = _PRODUCT.sub(".", text.strip())
-    return plain.casefold() if len(plain) > 3 and plain.isalpha() else plain  # mN is no MN, and nm no Nm
+    return plain.casefold() if len(plain) > 3 and plain.isalpha() else plain
 
 
 # ---- the grammar
@@ -107,18 +114,18 @@ UNKNOWN: Final = "columns"
 """Option that settles an unknown header."""
 
 
-def folded(text: str) -> str:
-    """Return a text by which words are compared: lower case, composed, single blanks for `_` and blanks."""
+def fold_word(text: str) -> str:
+    """Return a text for comparisons: lower case, Unicode composed, `_` and runs of blanks as one blank."""
     return " ".join(unicodedata.normalize("NFC", text).casefold().replace("_", " ").split())
 
 
-def collapsed(text: str) -> str:
-    """Return a text with single blanks, and none at its ends."""
+def collapse_blanks(text: str) -> str:
+    """Return a text with runs of blanks as one blank, and without blanks at its ends."""
     return " ".join(text.split())
 
 
 def _alternation(texts: Iterable[str]) -> str:
-    """Return a pattern of texts, the longest first; blanks in them may be any."""
+    """Return a pattern for any of some texts, the longest first; a blank also matches `_` and `-`."""
     longest = sorted(texts, key=len, reverse=True)
     return "|".join(re.escape(text).replace("\\ ", r"[\s_-]+") for text in longest)
 
@@ -153,11 +160,12 @@ class Quantity(NamedTuple):
 class Meaning:
     """Meaning of a column."""
 
-    quantity: Quantity  # that the column is a part of
+    quantity: Quantity  # quantity that the column is a part of
     # number of the joint, or of the axis x, y, z, from 0; 0 of a point's uncertainty; None for texts
     axis: int | None = None
     unit: str | None = None  # canonical, if the header names it
-    guessed: bool = False  # whether it is to be checked: the unit stood without brackets, 0 and 1 as states
+    # whether the user should check it: the unit had no brackets, or 0 and 1 were read as states
+    guessed: bool = False
 
     @property
     def kind(self) -> Kind:
@@ -166,12 +174,12 @@ class Meaning:
 
     @property
     def dimension(self) -> Dimension | None:
-        """Dimension of its numbers: a joint in a unit of length is prismatic; None of texts."""
+        """Dimension of the column's numbers, length for a joint in a unit of length; None for texts."""
         slides = self.kind == "joint" and self.unit in _WORDS["units"]["length"]
         return "length" if slides else DIMENSIONS.get(self.kind)
 
     def __str__(self) -> str:
-        """Return words that are read as the same meaning."""
+        """Return a header that is understood as this meaning, such as `P10 loaded x`."""
         kind, target, state = self.quantity
         if self.axis is None:
             return kind
@@ -192,33 +200,33 @@ class Meaning:
         return " ".join([*named, "U95", *(axis if kind == "uncertainty" else ())])
 
 
-def state_named(word: str, extra: Mapping[str, State]) -> State | None:
-    """The state that a word means, or None; upper and lower case are the same.
+def find_state(word: str, extra: Mapping[str, State]) -> State | None:
+    """Return the state that a word means, in upper or lower case; None for other words.
 
     Args:
-        word: to look up.
-        extra: the caller's words, which come before ours.
+        word: word of a name or a header.
+        extra: the caller's words for states, which take precedence over the built-in ones.
     """
-    text = "" if word != word.strip() else folded(word)
+    text = "" if word != word.strip() else fold_word(word)
     for key, state in extra.items():
-        if folded(key) == text:
+        if fold_word(key) == text:
             return state
     return _STATE_OF.get(text)
 
 
-def names_a_state(name: str, extra: Mapping[str, State]) -> bool:
-    """Return whether a name has a word for a state."""
-    return any(state_named(word, extra) for word in re.split(r"[\W_]+", name))
+def contains_state_word(name: str, extra: Mapping[str, State]) -> bool:
+    """Return whether a name contains a word for a state; `extra` are the caller's words."""
+    return any(find_state(word, extra) for word in re.split(r"[\W_]+", name))
 
 
 def is_key(text: str) -> bool:
-    """Return whether a text is the header of a column of texts."""
-    return folded(text) in _KEY_OF
+    """Return whether a text is the header of a column of texts, such as `label` or `target`."""
+    return fold_word(text) in _KEY_OF
 
 
 def is_joint(text: str) -> bool:
-    """Return whether a text is a word for a joint, which needs its number."""
-    return folded(split_unit(text)[0]) in _BESIDE["joints"]
+    """Return whether a text is a word for a joint without the joint's number."""
+    return fold_word(split_unit(text)[0]) in _BESIDE["joints"]
 
 
 def joint_number(text: str) -> int | None:
@@ -229,90 +237,115 @@ def joint_number(text: str) -> int | None:
 
 
 def split_unit(header: str) -> tuple[str, str | None]:
-    """`x [mm]`, `x (mm)` or `x/mm` as name and unit; what follows a slash must be one of ours."""
-    header = collapsed(header)  # runs of blanks would cost the pattern their square
+    """Split a header such as `x [mm]`, `x (mm)` or `x/mm` into name and unit, or None without a unit.
+
+    A text after a slash is a unit only if the import accepts that unit.
+    """
+    header = collapse_blanks(header)  # the pattern needs quadratic time for runs of blanks
     match = _UNIT.fullmatch(header)
     if match is None:
         return header, None
     base, bracketed, round_, slashed = match.groups()
     if slashed is not None:
         slashed = slashed.strip("() ")
-        return (base, slashed) if unit_named(slashed) else (header, None)
-    if round_ is not None and folded(header).rpartition(" ")[2] in _BESIDE["expanded"]:
+        return (base, slashed) if find_known_unit(slashed) else (header, None)
+    if round_ is not None and fold_word(header).rpartition(" ")[2] in _BESIDE["expanded"]:
         return header, None
     return base, bracketed if bracketed is not None else round_
 
 
-def meaning_of(header: str, state_words: Mapping[str, State]) -> Meaning:
-    """Understand one header cell."""
+def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
+    """Return the meaning of the column below one header; `state_words` are the caller's words for states.
+
+    Raises:
+        ImportFileError: the header is not understood, or its unit does not fit.
+    """
     base, unit = split_unit(header)
-    key = _KEY_OF.get(folded(base))
+    key = _KEY_OF.get(fold_word(base))
     if key is not None:
         if unit is not None and key not in _MAY_HAVE_UNITS:
-            reason = f"{shown(header)} has a unit, but is a column of texts"
+            reason = f"{quote(header)} has a unit, but is a column of texts"
             raise ImportFileError(NOWHERE, reason, "check the header")
         return Meaning(Quantity(key))
-    if folded(base) in _BESIDE["hung"]:
+    if fold_word(base) in _BESIDE["hung"]:
         if unit not in ("kg", "kgf"):
-            reason = f"{shown(header)}: a hung mass is in kg"
+            reason = f"{quote(header)}: the unit of a hung mass must be kg"
             raise ImportFileError(NOWHERE, reason, "write `mass [kg]`, or give forces")
         return Meaning(Quantity("mass"), 0, "kgf")
-    suffixed = None if unit is not None else _split_suffix(base)
+    suffixed = None if unit is not None else _split_unit_suffix(base)
     base, unit = suffixed or (base, unit)
-    if folded(base) in _TRANSLATIONS and unit is not None and (unit_named(unit) or [""])[0] == "length":
+    if (
+        fold_word(base) in _TRANSLATIONS
+        and unit is not None
+        and (find_known_unit(unit) or [""])[0] == "length"
+    ):
         base = base[1:]
-    meaning = _quantity(header, base, state_words)
-    unit = checked_unit(header, unit, meaning.kind)
+    meaning = _parse_quantity(header, base, state_words)
+    unit = check_unit(header, unit, meaning.kind)
     return replace(meaning, unit=unit, guessed=meaning.guessed or suffixed is not None)
 
 
-def _quantity(header: str, base: str, state_words: Mapping[str, State]) -> Meaning:
-    """Return the quantity that a header without its unit names."""
+def _parse_quantity(header: str, base: str, state_words: Mapping[str, State]) -> Meaning:
+    """Return the meaning of a header: a joint, a vector's coordinate, or one of a position.
+
+    `header` is the whole text, for messages; `base` is the header without its unit.
+
+    Raises:
+        ImportFileError: the header is not understood.
+    """
     if joint := _JOINT.fullmatch(base):
         if not joint[1].strip("0"):
-            reason = f"{shown(header)}: joints are numbered from 1"
+            reason = f"{quote(header)}: joints are numbered from 1"
             raise ImportFileError(NOWHERE, reason, "number them 1, 2, …")
         return Meaning(Quantity("joint"), int(joint[1]) - 1)
     if vector := _VECTOR.fullmatch(base):
-        kind = _VECTOR_OF[folded(vector[1].replace("-", " "))]
+        kind = _VECTOR_OF[fold_word(vector[1].replace("-", " "))]
         return Meaning(Quantity(kind), "xyz".index(vector[2].casefold()))
-    return _position(header, base, state_words)
+    return _parse_position(header, base, state_words)
 
 
-def _split_suffix(base: str) -> tuple[str, str] | None:
-    """`theta1_rad`, `force_x_N` as name and unit, or None."""
+def _split_unit_suffix(base: str) -> tuple[str, str] | None:
+    """Split a header such as `theta1_rad` or `force_x_N` into name and unit; None if it ends with no unit."""
     for count in (2, 1):
         parts = list(_TOKEN.finditer(base))
-        if len(parts) > count and unit_named(unit := " ".join(part[0] for part in parts[-count:])):
+        if len(parts) > count and find_known_unit(unit := " ".join(part[0] for part in parts[-count:])):
             return base[: parts[-count].start()].rstrip(" _"), unit
     return None
 
 
-def checked_unit(header: str, text: str | None, kind: Kind) -> str | None:
-    """Return the canonical name of a unit; None if there is none."""
+def check_unit(header: str, text: str | None, kind: Kind) -> str | None:
+    """Return the canonical name of a header's unit; None if the header has no unit.
+
+    Raises:
+        ImportFileError: the unit is not one of the dimension that columns of this kind have.
+    """
     if text is None:
         return None
-    dimension, known = DIMENSIONS[kind], unit_named(text)
+    dimension, known = DIMENSIONS[kind], find_known_unit(text)
     if kind == "joint" and known is not None and known[0] == "length":
         return known[1]
     if known is None or known[0] != dimension:
-        reason = f"{shown(header)}: {shown(text)} is not a known unit of {dimension}"
+        reason = f"{quote(header)}: {quote(text)} is not a known unit of {dimension}"
         remedy = f"convert to one of {', '.join(_WORDS['units'][dimension])}"
         hung = "; a hung mass is `mass [kg]`" if text == "kg" and kind == "force" else ""
         raise ImportFileError(NOWHERE, reason, remedy + hung)
     return known[1]
 
 
-def _position(header: str, base: str, state_words: Mapping[str, State]) -> Meaning:
-    """`P10_x_loaded`, `P10 dx`, `P10 U95 x`, `P10 plus x`: words in any order, the target's in one piece.
+def _parse_position(header: str, base: str, state_words: Mapping[str, State]) -> Meaning:
+    """Return the meaning of a header such as `P10_x_loaded`, `P10 dx`, `P10 U95 x` or `P10 plus x`.
 
-    Each axis of `tip along z` or `dial gauge z` is a reading of its own, whose name says it.
+    The words may have any order, but those of the target's name must be adjacent. A header such as
+    `tip along z` or `dial gauge z` is a reading along an axis, and its target is named after the axis, too.
+
+    Raises:
+        ImportFileError: the header is not understood.
     """
-    base = _PHRASE.sub(lambda phrase: _STATE_OF[folded(phrase[0].replace("-", " "))], base)
-    axes, states, kinds, rest = _sorted_words(base, state_words)
+    base = _PHRASE.sub(lambda phrase: _STATE_OF[fold_word(phrase[0].replace("-", " "))], base)
+    axes, states, kinds, rest = _classify_words(base, state_words)
     target = base[rest[0].start() : rest[-1].end()] if rest else None
     named = _TOKEN.findall(target or "")
-    gauges = set(_BESIDE["gauges"]).intersection(map(folded, named))
+    gauges = set(_BESIDE["gauges"]).intersection(map(fold_word, named))
     gauged = bool(gauges) and not kinds and states <= {"deflection"}
     meant: Kind = min(kinds, default="position")
     if gauged:
@@ -320,10 +353,10 @@ def _position(header: str, base: str, state_words: Mapping[str, State]) -> Meani
     if meant == "uncertainty" and not axes:
         meant = "point uncertainty"
     unclear = len(kinds) > 1 or len(axes) != (meant != "point uncertainty") or len(states) > 1
-    if unclear or len(named) != len(rest) or any(map(_no_target, named)):
+    if unclear or len(named) != len(rest) or any(map(_is_no_target_word, named)):
         raise ImportFileError(
             NOWHERE,
-            f"unknown column header {shown(header)}",
+            f"unknown column header {quote(header)}",
             "use headers such as `label`, `J1 [deg]`, `Fx [N]`, `P10 unloaded x [mm]`, `P10 loaded x "
             "[mm]`, `P10 dx [mm]`, `tip along z [mm]` of a gauge, `x [mm]`; give its meaning in `columns`, "
             "or skip it with `ignore`",
@@ -333,25 +366,25 @@ def _position(header: str, base: str, state_words: Mapping[str, State]) -> Meani
     if meant != "along":
         return Meaning(Quantity(meant, target, state), sum(axes))
     if target is None or state not in (None, "deflection"):
-        reason = f"{shown(header)}: a reading along an axis has a target, and is a deflection"
+        reason = f"{quote(header)}: a reading along an axis has a target, and is a deflection"
         raise ImportFileError(NOWHERE, reason, "write a header such as `tip along z [mm]`")
     return Meaning(Quantity("along", f"{target} {_ALONG} {'xyz'[axes[0]]}", "deflection"), 0, guessed=gauged)
 
 
-def _sorted_words(
+def _classify_words(
     base: str, state_words: Mapping[str, State]
 ) -> tuple[list[int], set[State], set[Kind], list[re.Match[str]]]:
-    """Return axes, states and kinds that words of a header name, and the words that name none."""
+    """Return the axes, states and kinds that words of a header name, and its remaining words as matches."""
     axes: list[int] = []
     states: set[State] = set()
     kinds: set[Kind] = set()
     rest = []
     for token in _TOKEN.finditer(base):
-        word = folded(token[0])
+        word = fold_word(token[0])
         if coordinate := _COORDINATE.fullmatch(token[0]):
             axes.append("xyz".index(coordinate[2].casefold()))
             states.update(["deflection"] if coordinate[1] else [])
-        elif state := state_named(token[0], state_words):
+        elif state := find_state(token[0], state_words):
             states.add(state)
         elif word in _KINDS:
             kinds.add(_KINDS[word])
@@ -360,80 +393,85 @@ def _sorted_words(
     return axes, states, kinds, rest
 
 
-def _no_target(word: str) -> bool:
-    """Return whether a word tells of something other than a position: `sigma`, `StdDev`, `P10Std`, `[`."""
-    pieces = [folded(piece) for piece in (word, re.sub(r"\W", "", word), *_PIECE.findall(word))]
+def _is_no_target_word(word: str) -> bool:
+    """Return whether a word cannot be part of a target's name, such as `sigma`, `StdDev`, `P10Std` or `[`."""
+    pieces = [fold_word(piece) for piece in (word, re.sub(r"\W", "", word), *_PIECE.findall(word))]
     return bool(_BRACKET.search(word)) or not _NOT_TARGETS.isdisjoint(pieces)
 
 
 def along_axis(target: str) -> tuple[str, int]:
-    """Return target and axis of a reading along an axis: those of `tip along z` are `tip` and 2."""
+    """Return target and axis (0 to 2) of a reading along an axis: `tip` and 2 for `tip along z`."""
     name, _, axis = target.rpartition(f" {_ALONG} ")
     return name, "xyz".index(axis)
 
 
 class Vocabulary:
-    """The grammar of headers with the words and the meanings that the caller states."""
+    """Grammar of headers, extended by the words and the meanings that the caller states."""
 
     def __init__(self, options: ImportOptions) -> None:
-        """Take the caller's words."""
+        """Take the words for states, the ignored headers and the stated meanings from the options."""
         self.states = options.state_words
-        self.ignored = {collapsed(text) for text in options.ignore}
-        self.stated = {collapsed(text): meaning for text, meaning in options.columns.items()}
+        self.ignored = {collapse_blanks(text) for text in options.ignore}
+        self.stated = {collapse_blanks(text): meaning for text, meaning in options.columns.items()}
 
     def meaning(self, header: str, *, guessed: bool) -> Meaning:
-        """Return the meaning of a header, or the one that is stated, in the unit of the file if it has one.
+        """Return the meaning of a header: the one that the caller states, else the one by the grammar.
+
+        A stated meaning keeps the unit of the header. `guessed` marks a meaning by the grammar as a guess.
 
         Raises:
-            ImportFileError: it is not understood, or the units differ.
+            ImportFileError: the header is not understood, or its unit differs from the stated one.
         """
-        text = collapsed(header)
+        text = collapse_blanks(header)
         if text in self.ignored:
             return Meaning(Quantity("ignored"))
         stated = self.stated.get(text)
-        meaning = meaning_of(header if stated is None else stated, self.states)
+        meaning = parse_header(header if stated is None else stated, self.states)
         if stated is None:
             return replace(meaning, guessed=meaning.guessed or guessed)
-        named = meaning.axis is None or meaning.kind == "mass"
-        return meaning if named else _in_unit_of(text, stated, meaning)
+        has_no_unit = meaning.axis is None or meaning.kind == "mass"
+        return meaning if has_no_unit else _with_header_unit(text, stated, meaning)
 
     def find(self, header: str) -> Meaning | None:
-        """Return what a header may mean; None if it is not understood."""
-        text = collapsed(header)
-        if text in self.ignored or text in self.stated or folded(split_unit(header)[0]) == "q0":
+        """Return the meaning of a header, `ignored` if the caller states one; None if it is unknown."""
+        text = collapse_blanks(header)
+        if text in self.ignored or text in self.stated or fold_word(split_unit(header)[0]) == "q0":
             return Meaning(Quantity("ignored"))
         try:
-            return meaning_of(header, self.states)
+            return parse_header(header, self.states)
         except ImportFileError:
             return None
 
     def count_known(self, headers: Iterable[str]) -> int:
-        """Return how many are understood; 0 if two are the same part of a quantity, or only one is."""
+        """Return how many headers are understood; 0 if only one is, or if two have the same meaning."""
         found = [meaning for text in headers if text and (meaning := self.find(text))]
         parts = [(meaning.quantity, meaning.axis) for meaning in found if meaning.axis is not None]
         return 0 if len(set(parts)) < len(parts) or len(found) < 2 else len(found)
 
 
-def _in_unit_of(header: str, stated: str, meaning: Meaning) -> Meaning:
-    """Return a meaning that the caller states, in the unit of the header if it has one.
+def _with_header_unit(header: str, stated: str, meaning: Meaning) -> Meaning:
+    """Return a meaning that the caller states, with the unit of the file's header if that has a unit.
 
-    Text in square brackets is a unit. Any other tail is one only if it is one of this dimension: the t
-    of a position `x_t` is no tonne, and the m of `x_m` no metre if the caller states a unit.
+    A text in square brackets is a unit. Any other end of the header is a unit only if its dimension fits:
+    the t of a position `x_t` is not a tonne, and the m of `x_m` is not a metre if the caller states a unit.
+
+    Raises:
+        ImportFileError: the header's unit differs from the stated one, or has another dimension.
     """
     bracketed = split_unit(header)[1]
     tail = bracketed if bracketed is not None else header.replace("_", " ").split(" ")[-1]
-    known = any_unit(tail)
+    known = find_any_unit(tail)
     slides = meaning.kind == "joint" and bracketed is not None and known is not None and known[0] == "length"
     dimension = "length" if slides else meaning.dimension
     certain = bracketed is not None and (known is not None or header.endswith("]"))
     measured = header.endswith("_m") and meaning.unit is not None
     if not certain and (measured or known is None or known[0] != dimension):
         return meaning
-    ours = unit_named(tail)
+    ours = find_known_unit(tail)
     if ours is None:
-        checked_unit(header, tail, meaning.kind)  # which refuses it
+        check_unit(header, tail, meaning.kind)  # raises: the unit is not accepted
     elif ours[0] != dimension or meaning.unit not in (None, ours[1]):
-        reason = f"{shown(header)} is in {spoken(ours[1])}, but {shown(stated)} by `columns`"
+        reason = f"{quote(header)} is in {name_unit(ours[1])}, but {quote(stated)} by `columns`"
         raise ImportFileError(
             NOWHERE, reason, "correct the header or `columns`; a unit is never converted silently"
         )

@@ -15,7 +15,7 @@ from typing import Final, Literal, NamedTuple
 
 from jointstiff.schemas.fields import MAX_MAGNITUDE
 from jointstiff.schemas.imports import DecimalMark, Delimiter, FilePreview
-from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place, shown
+from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place, quote
 
 # ---- limits: files are hostile until parsed
 
@@ -66,12 +66,12 @@ class Grid:
 
     @property
     def file(self) -> str:
-        """Return the name of the file."""
+        """Name of the file."""
         return self.preview.file
 
     @property
     def stem(self) -> str:
-        """Return the name of the file without what follows its last full stop."""
+        """Name of the file without its extension."""
         return PurePath(self.file).stem
 
     def place(self, row: Row, column: int | None = None) -> Place:
@@ -79,18 +79,18 @@ class Grid:
         return Place(self.file, row.line, None if column is None else column + 1)
 
 
-def no_rows(file: str) -> ImportFileError:
-    """Return the fault of a file without a row of data."""
+def no_rows_error(file: str) -> ImportFileError:
+    """Return the error that a file has no row of data."""
     return ImportFileError(Place(file), "the file has no row of data", "check that it is the right file")
 
 
-def too_large(file: str, line: int) -> ImportFileError:
-    """Return the fault of a table with too many cells."""
+def too_large_error(file: str, line: int) -> ImportFileError:
+    """Return the error that a table has too many columns or cells; `line` is where the limit is exceeded."""
     reason = f"the file has more than {MAX_COLUMNS} columns or {MAX_CELLS} cells"
     return ImportFileError(Place(file, line), reason, "remove columns that are not needed, or split the file")
 
 
-def without_mark(text: str) -> str:
+def strip_comment_mark(text: str) -> str:
     """Return a comment without its mark."""
     return next(text.removeprefix(mark).strip() for mark in COMMENT_MARKS if text.startswith(mark))
 
@@ -124,7 +124,7 @@ _PARTS: Final = (
 
 
 def file_type(content: bytes, name: str = "") -> str | None:
-    """Return what a file is if its first bytes and name tell; None for plain text and unknown types."""
+    """Return the type of a file in words, such as `a PDF document`; None for text and unknown types."""
     if content.startswith(_ZIP):
         return _archive_type(content)
     if content[4:8] == b"ftyp":
@@ -137,7 +137,10 @@ def file_type(content: bytes, name: str = "") -> str | None:
 
 
 def _archive_type(content: bytes) -> str | None:
-    """Return what an archive is; a damaged one counts as a workbook, whose reader says what is wrong."""
+    """Return words for the type of a ZIP archive; a damaged one is called a workbook.
+
+    The reader of workbooks then reports the damage.
+    """
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             names = {part.filename for part in archive.infolist()}
@@ -174,25 +177,29 @@ _Line = tuple[int, str]
 
 
 def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
-    """Split a text into cells; the delimiter is found out if None."""
+    """Decode a text file and split it into cells; a delimiter that is None is found from the lines.
+
+    Raises:
+        ImportFileError: the file is not plain text, has no row, or its delimiter is ambiguous.
+    """
     text, encoding = _decode(file, content)
     lines: list[_Line] = []
     comments: list[Remark] = []
     for number, line in enumerate(_LINE_END.split(text), start=1):
         bare = line.strip(" \t")
         if bare.startswith(COMMENT_MARKS):
-            comments.append(Remark(number, without_mark(bare)))
+            comments.append(Remark(number, strip_comment_mark(bare)))
         elif bare:
             lines.append((number, line))
     if delimiter is None and lines:
-        delimiter = _delimiter(file, lines)
-    rows = [row for row in _rows(file, lines, delimiter or "comma") if any(row.cells)]
+        delimiter = _find_delimiter(file, lines)
+    rows = [row for row in _split_lines(file, lines, delimiter or "comma") if any(row.cells)]
     if not rows:
-        raise no_rows(file)
+        raise no_rows_error(file)
     notes = [_LATIN1] if encoding == "latin-1" else []
     if comments:
         count = f"{len(comments)} line{'s' * (len(comments) > 1)}"
-        notes.append(f"comments were skipped ({count}); the first: {shown(comments[0].text)}")
+        notes.append(f"comments were skipped ({count}); the first: {quote(comments[0].text)}")
     mark = None if delimiter == "whitespace" else CHARACTERS[delimiter or "comma"]
     split = (comment.text.split(mark) for comment in comments)
     width = len(rows[-1].cells)
@@ -200,16 +207,19 @@ def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
     if alike:
         notes.append(f"{alike} of the comments look like rows of data; they were not read")
     preview = FilePreview(file=file, format="text", encoding=encoding, delimiter=delimiter, assumptions=notes)
-    last = comments[-1].line if comments else 0
-    ended = text.rstrip(" \t").endswith(("\n", "\r")) or last > lines[-1][0]
+    last_comment = comments[-1].line if comments else 0
+    ended = text.rstrip(" \t").endswith(("\n", "\r")) or last_comment > lines[-1][0]
     return Grid(preview, tuple(rows), tuple(comments), ended)
 
 
 def _decode(file: str, content: bytes) -> tuple[str, str]:
-    """Return the text of a file, and its encoding.
+    """Return the text of a file, and the name of its encoding.
 
-    UTF-8 and UTF-16 by their byte order marks; without one UTF-16 if every other byte is zero, UTF-8 if it
-    is valid; else Latin-1, unless part of it is UTF-8: then it is damaged.
+    A byte order mark decides for UTF-8 or UTF-16. Without a mark, a zero among the first bytes means UTF-16,
+    and valid UTF-8 is read as UTF-8. Other bytes are Latin-1, unless some are a sequence of UTF-8.
+
+    Raises:
+        ImportFileError: the text is damaged, or contains control characters.
     """
     remedy = "save the file as text in UTF-8"
     mark, encoding = next((entry for entry in _BYTE_ORDERS if content.startswith(entry[0])), (b"", ""))
@@ -232,8 +242,12 @@ def _decode(file: str, content: bytes) -> tuple[str, str]:
     return text, encoding or "utf-8"
 
 
-def _delimiter(file: str, lines: Sequence[_Line]) -> Delimiter:
-    """Return a tab or a semicolon if most of the last lines have one; else comma or whitespace."""
+def _find_delimiter(file: str, lines: Sequence[_Line]) -> Delimiter:
+    """Find the delimiter: tab or semicolon if most of the last lines have one, else comma or whitespace.
+
+    Raises:
+        ImportFileError: the lines can be split by commas as well as by blanks.
+    """
     last = [text.strip(" ") for _, text in lines[-_LAST:]]
     marks: tuple[Delimiter, Delimiter] = ("tab", "semicolon")
     for mark in marks:
@@ -258,9 +272,12 @@ def _delimiter(file: str, lines: Sequence[_Line]) -> Delimiter:
 
 
 def _rows_split_by(file: str, lines: Sequence[_Line], delimiter: Delimiter) -> list[tuple[str, ...]]:
-    """All rows from a header on if they have the same length of at least two, else none; titles go before."""
+    """Split lines by a delimiter; return the rows below the titles if all have the same length, else [].
+
+    The length must be two cells at least, and there may be up to 20 lines of titles.
+    """
     try:
-        rows = [row.cells for row in _rows(file, lines, delimiter)]
+        rows = [row.cells for row in _split_lines(file, lines, delimiter)]
     except ImportFileError:
         return []
     width = len(rows[-1])
@@ -269,21 +286,30 @@ def _rows_split_by(file: str, lines: Sequence[_Line], delimiter: Delimiter) -> l
     return rows[first:] if alike and width > 1 else []
 
 
-def _rows(file: str, lines: Iterable[_Line], delimiter: Delimiter) -> Iterator[Row]:
-    """Yield rows as long as a table may have as many rows and cells; empty rows have none."""
+def _split_lines(file: str, lines: Iterable[_Line], delimiter: Delimiter) -> Iterator[Row]:
+    """Yield the row of cells of each line.
+
+    Raises:
+        ImportFileError: there are too many rows, columns or cells, or a line cannot be split.
+    """
     cells = 0
     for index, (number, text) in enumerate(lines):
         if index == MAX_ROWS:
             reason = f"the file has more than {MAX_ROWS} rows"
             raise ImportFileError(Place(file, number), reason, "split the file")
-        row = _row(file, number, text, delimiter)
+        row = _split_line(file, number, text, delimiter)
         cells += len(row.cells) if any(row.cells) else 0
         if len(row.cells) > MAX_COLUMNS or cells > MAX_CELLS:
-            raise too_large(file, number)
+            raise too_large_error(file, number)
         yield row
 
 
-def _row(file: str, number: int, text: str, delimiter: Delimiter) -> Row:
+def _split_line(file: str, number: int, text: str, delimiter: Delimiter) -> Row:
+    """Split one line into cells without blanks at their ends; cells may be in quotation marks.
+
+    Raises:
+        ImportFileError: the line or a cell is too long, or quotation marks are misplaced.
+    """
     place = Place(file, number)
     if len(text) > MAX_LINE_LENGTH:
         reason = f"a line has more than {MAX_LINE_LENGTH} characters"
@@ -298,11 +324,11 @@ def _row(file: str, number: int, text: str, delimiter: Delimiter) -> Row:
     stripped = tuple(cell.strip(" \t") for cell in cells)
     for column, cell in enumerate(stripped, start=1):
         if len(cell) > MAX_CELL_LENGTH:
-            reason = f"a cell has more than {MAX_CELL_LENGTH} characters: {shown(cell)}"
+            reason = f"a cell has more than {MAX_CELL_LENGTH} characters: {quote(cell)}"
             remedy = "check for a missing quotation mark or delimiter"
             raise ImportFileError(place._replace(column=column), reason, remedy)
         if '"' in cell:
-            reason = f"a quotation mark occurs within a cell, {shown(cell)}"
+            reason = f"a quotation mark occurs within a cell, {quote(cell)}"
             raise ImportFileError(place._replace(column=column), reason, "remove it")
     return Row(number, stripped)
 
@@ -318,7 +344,7 @@ _POINT_ASSUMED: Final = (
 
 
 def looks_like_a_number(text: str) -> bool:
-    """Return whether it is one, with either decimal mark."""
+    """Return whether a text is a number, with a decimal point or a decimal comma."""
     return _NUMBER.fullmatch(text.replace(",", ".")) is not None
 
 
@@ -327,13 +353,16 @@ def count_numbers(row: Row) -> int:
     return sum(map(looks_like_a_number, row.cells))
 
 
-def decide_mark(
+def decide_decimal_mark(
     grid: Grid, rows: Iterable[Row], columns: Collection[int], given: DecimalMark | None
 ) -> tuple[DecimalMark, str | None]:
-    """Return the decimal mark of a file, and what had to be assumed for it; that of a sheet is a point.
+    """Return the decimal mark of a file, and a note for the user on what was assumed, or None.
 
-    `1,234` alone may be 1.234 or 1234. It is 1.234 if some other number of the file has a comma that
-    separates no thousands, such as `12,5` or `0,125`. Both marks in one file are refused.
+    `1,234` alone may be 1.234 or 1234. It is 1.234 if another number of the file has a comma that cannot
+    separate thousands, such as `12,5` or `0,125`. Numbers in sheets have a point.
+
+    Raises:
+        ImportFileError: the file has decimal points and decimal commas, or the mark is ambiguous.
     """
     if grid.preview.format == "xlsx":
         return "point", None
@@ -348,30 +377,34 @@ def decide_mark(
         decided.update([] if _THOUSANDS.fullmatch(text) else [mark])
     if len(first) > 1:
         text, place = max(first.values(), key=lambda cell: (cell[1].line or 0, cell[1].column or 0))
-        reason = f"{shown(text)}: the file has decimal points and decimal commas"
+        reason = f"{quote(text)}: the file has decimal points and decimal commas"
         raise ImportFileError(place, reason, "use one decimal mark and no thousands separators")
     if "," in first and "," not in decided:
         text, place = first[","]
         reason = "may have a decimal comma or a thousands separator, and no other number shows which"
         remedy = "give `decimal_mark`, or write a point"
-        raise ImportFileError(place, f"{shown(text)} {reason}", remedy, "decimal_mark")
+        raise ImportFileError(place, f"{quote(text)} {reason}", remedy, "decimal_mark")
     if "," in first:
         return "comma", "the comma was used as the decimal mark"
     return "point", _POINT_ASSUMED if "." in first and "." not in decided else None
 
 
 def read_number(text: str, mark: DecimalMark) -> float:
-    """The number in a cell: digits, one decimal mark, an exponent; nothing else."""
+    """Return the number in a cell: digits, at most one decimal mark, an exponent, nothing else.
+
+    Raises:
+        ImportFileError: the cell is empty, not a number with this decimal mark, or too large.
+    """
     if not text:
         raise ImportFileError(NOWHERE, "the cell is empty, but needs a number", "fill it in")
     other = "," if mark == "point" else "."
     plain = text if mark == "point" else text.replace(",", ".")
     if other in text or len(text) > MAX_NUMBER_LENGTH or not _NUMBER.fullmatch(plain):
-        reason = f"{shown(text)} is not a number with a decimal {mark}"
+        reason = f"{quote(text)} is not a number with a decimal {mark}"
         remedy = "use digits with at most one decimal mark, no unit, no thousands separator, no NaN"
         raise ImportFileError(NOWHERE, reason, remedy)
     value = float(plain)
     if not abs(value) <= MAX_MAGNITUDE:
-        reason = f"{shown(text)} is outside ±{MAX_MAGNITUDE:g}"
+        reason = f"{quote(text)} is outside ±{MAX_MAGNITUDE:g}"
         raise ImportFileError(NOWHERE, reason, "check the number and its unit")
     return value

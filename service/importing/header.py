@@ -11,7 +11,7 @@ from typing import Final, Literal
 from jointstiff.schemas.imports import ImportOptions
 from jointstiff.schemas.robot import MAX_JOINTS
 from jointstiff.service.importing import grammar
-from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, shown
+from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import (
     POINTS,
     Dimension,
@@ -19,7 +19,7 @@ from jointstiff.service.importing.grammar import (
     Meaning,
     Quantity,
     Vocabulary,
-    spoken,
+    name_unit,
 )
 from jointstiff.service.importing.grid import (
     MAX_COLUMNS,
@@ -50,23 +50,23 @@ _ORDER: Final = re.compile(r"(?<![^\W_])(?:[xyz]|[^\W\d_]{2,})(?![^\W_])", re.IG
 _GAPS: Final = (r"\s*[;,\t]\s*", r"\s{2,}", r"\s+(?![\[(])")
 """What may stand between the headers in a comment."""
 _LONG_BLANK: Final = re.compile(r"\s{3,}")
-"""Number of blanks that say as much as two; a gap would be looked for from each of them on."""
+"""Three or more blanks, which mean as much as two; the patterns of gaps need quadratic time for them."""
 
 
 @dataclass(frozen=True)
 class Heading:
-    """A header as it is in the file."""
+    """Header of a table: one text for each column, and where the header was found."""
 
     file: str
-    texts: tuple[str, ...]  # one a column, of several rows put together
+    texts: tuple[str, ...]  # text of each column; rows of a header are combined
     lines: tuple[int, ...] = ()  # lines of the file that make it; none if it is stated or assumed
     start: int = 0  # index of the first row of data
-    guessed: bool = False  # whether it was put together or assumed
-    notes: tuple[str, ...] = ()  # in words
+    guessed: bool = False  # whether it was combined from rows, taken from a comment, or assumed
+    notes: tuple[str, ...] = ()  # what was assumed, in words
 
     @property
     def assumed(self) -> bool:
-        """Return whether the file has none."""
+        """Return whether the file has no header, so that its columns were assumed."""
         return self.guessed and not self.lines
 
     def place(self, column: int | None = None) -> Place:
@@ -76,47 +76,64 @@ class Heading:
 
 
 def find_heading(grid: Grid, words: Vocabulary, options: ImportOptions) -> Heading:
-    """Return the caller's header, that in the first rows, in the last comment before the data, or none.
+    """Find the header of a table: the caller's, else in the first rows, else in a comment before the data.
 
-    A table without any is a list of points: `name x y z`, with `group` or `collection group` before it.
+    A table without a header is read as a list of points: `name x y z`, with `group` or `collection group`
+    in front.
+
+    Raises:
+        ImportFileError: the header is not found, or a text that may be one is not understood.
     """
     if options.header is not None:
         return Heading(grid.file, tuple(options.header))
     if count_numbers(grid.rows[0]) < _DATA:
-        return _header_in_rows(grid, words)
-    width = len(grid.rows[0].cells)  # of columns that have cells
+        return _find_header_in_rows(grid, words)
+    width = len(grid.rows[0].cells)  # without empty columns at the end
     while width > 1 and not any(any(row.cells[width - 1 :]) for row in grid.rows):
         width -= 1
-    return _header_in_comments(grid, words, width) or _assumed_columns(grid, width, by_order=options.by_order)
+    return _find_header_in_comments(grid, words, width) or _assume_columns(
+        grid, width, by_order=options.by_order
+    )
 
 
 # ---- in comments
 
 
-def _header_in_comments(grid: Grid, words: Vocabulary, width: int) -> Heading | None:
-    """Return the header in the last comment before the data that has one.
+def _find_header_in_comments(grid: Grid, words: Vocabulary, width: int) -> Heading | None:
+    """Find the header in the last comment before the data that can be split into `width` known headers.
+
+    Return None if no comment can.
 
     Raises:
-        ImportFileError: one below it looks like a header: no other is put in its place.
+        ImportFileError: a later comment looks like a header, but is not understood.
     """
     above = [comment for comment in grid.comments if comment.line < grid.rows[0].line]
     for comment in reversed(above):
         line, text = comment
         short = _LONG_BLANK.sub(lambda blank: "\t\t" if "\t" in blank[0] else "  ", text)
-        ways = [tuple(re.split(gap, short)) for gap in _GAPS]
-        for texts in ways:
+        splits = [tuple(re.split(gap, short)) for gap in _GAPS]
+        for texts in splits:
             if len(texts) == width and words.count_known(texts) == width:
                 note = f"the comment in line {line} was used as the header"
                 return Heading(grid.file, texts, (line,), guessed=True, notes=(note,))
-        if _is_header(comment, width, last=comment is above[-1], cells=len(ways[0])):
-            reason = f"the comment {shown(text)} looks like a header, but is not understood as that of the "
+        if _looks_like_header(comment, width, last=comment is above[-1], cells=len(splits[0])):
+            reason = f"the comment {quote(text)} looks like a header, but is not understood as that of the "
             remedy = "correct or remove it, or give `header`"
             raise ImportFileError(Place(grid.file, line), f"{reason}{width} columns", remedy, "header")
     return None
 
 
-def _is_header(comment: Remark, width: int, *, last: bool, cells: int) -> bool:
-    """Return whether a comment names axes in another order, or as many things as there are columns."""
+def _looks_like_header(comment: Remark, width: int, *, last: bool, cells: int) -> bool:
+    """Return whether a comment may be a header that is not understood.
+
+    That is so if it names axes in another order than x, y, z, or about one word for each column.
+
+    Args:
+        comment: comment above the data.
+        width: number of columns.
+        last: whether it is the last comment above the data; only the last one may be a mere list of words.
+        cells: number of cells if the comment is split at delimiters.
+    """
     order = [word.casefold() for word in _ORDER.findall(comment.text)]
     axes = "".join(word for word in order if len(word) == 1)
     behind = order[order.index(axes[-1]) + 1 :] if axes else []
@@ -127,8 +144,12 @@ def _is_header(comment: Remark, width: int, *, last: bool, cells: int) -> bool:
     return last and axes != "xyz" and (named or cells == width)
 
 
-def _assumed_columns(grid: Grid, width: int, *, by_order: bool) -> Heading:
-    """Return the columns of a list of points."""
+def _assume_columns(grid: Grid, width: int, *, by_order: bool) -> Heading:
+    """Return the heading of a list of points without a header, by its number of columns.
+
+    Raises:
+        ImportFileError: lists of points have another number of columns, or a name looks like a number.
+    """
     headers = ("x", "y", "z") if by_order and width == 3 else _HEADERLESS.get(width)
     if headers is None:
         reason = f"the rows have {width} cells, and there is no header"
@@ -138,7 +159,7 @@ def _assumed_columns(grid: Grid, width: int, *, by_order: bool) -> Heading:
         for column, cell in enumerate(row.cells[: len(headers) - 3]):
             number = looks_like_a_number(cell) and (column > 0 or not cell.isdigit())
             if grammar.is_key(cell) or number:
-                reason = f"{shown(cell)} is where a point's name must be, because there is no header"
+                reason = f"{quote(cell)} is where a point's name must be, because there is no header"
                 remedy = f"give rows of {' '.join(headers)}, add a header, or give `header`"
                 raise ImportFileError(grid.place(row, column), reason, remedy, "header")
     note = f"no header found; assumed columns: {', '.join(headers)}"
@@ -148,11 +169,15 @@ def _assumed_columns(grid: Grid, width: int, *, by_order: bool) -> Heading:
 # ---- in rows
 
 
-def _header_in_rows(grid: Grid, words: Vocabulary) -> Heading:
-    """Return the first rows that are understood in full as a header, else those understood best."""
+def _find_header_in_rows(grid: Grid, words: Vocabulary) -> Heading:
+    """Find the header in the first rows: the first rows that are understood in full, else the best ones.
+
+    Raises:
+        ImportFileError: no row of data follows, or a row above the header looks like data.
+    """
     start, count, texts = 0, 1, grid.rows[0].cells
     most = 0
-    for candidate in _candidates(grid, words):
+    for candidate in _yield_candidates(grid, words):
         known = words.count_known(candidate[2])
         if known > most:
             start, count, texts = candidate
@@ -160,8 +185,8 @@ def _header_in_rows(grid: Grid, words: Vocabulary) -> Heading:
             if known == sum(map(bool, texts)) and start + count < len(grid.rows):
                 break
     if start + count == len(grid.rows):
-        at = grid.place(grid.rows[start])
-        raise ImportFileError(at, "the file has a header but no row of data", "check the file")
+        place = grid.place(grid.rows[start])
+        raise ImportFileError(place, "the file has a header but no row of data", "check the file")
     lines = tuple(row.line for row in grid.rows[start : start + count])
     for row in grid.rows[:start]:
         if count_numbers(row) > 1 or sum(map(bool, row.cells)) > max(2, len(texts) // 2):
@@ -173,8 +198,11 @@ def _header_in_rows(grid: Grid, words: Vocabulary) -> Heading:
     return Heading(grid.file, texts, lines, start + count, count > 1, tuple(notes))
 
 
-def _candidates(grid: Grid, words: Vocabulary) -> Iterator[tuple[int, int, tuple[str, ...]]]:
-    """Yield first row, number of rows and texts of what may be a header, the longest at each row first."""
+def _yield_candidates(grid: Grid, words: Vocabulary) -> Iterator[tuple[int, int, tuple[str, ...]]]:
+    """Yield the possible headers: index of the first row, number of rows, and text of each column.
+
+    Of the headers that begin in the same row, those of more rows come first.
+    """
     rows = grid.rows[: _MAX_TITLES + _MAX_ROWS + 1]
     for start in range(min(_MAX_TITLES + 1, len(rows))):
         if start and count_numbers(rows[start - 1]) >= _DATA:
@@ -186,7 +214,7 @@ def _candidates(grid: Grid, words: Vocabulary) -> Iterator[tuple[int, int, tuple
 
 
 def _merge_rows(rows: Sequence[tuple[str, ...]], words: Vocabulary) -> tuple[str, ...] | None:
-    """Return the rows of a header as one; None if one of them is no part of a header."""
+    """Combine the rows of a header into one text for each column; None if a row is not part of a header."""
     *above, lower = rows
     if not above:
         return lower
@@ -195,25 +223,27 @@ def _merge_rows(rows: Sequence[tuple[str, ...]], words: Vocabulary) -> tuple[str
         return None
     width = max(len(upper), len(lower))
     upper, lower = (cells + ("",) * (width - len(cells)) for cells in (upper, lower))
-    if all(cell in _NONE or grammar.any_unit(cell.strip("[]() ")) for cell in lower if cell):
-        return tuple(_with_unit(name, unit) for name, unit in zip(upper, lower, strict=True))
+    if all(cell in _NONE or grammar.find_any_unit(cell.strip("[]() ")) for cell in lower if cell):
+        return tuple(_append_unit(name, unit) for name, unit in zip(upper, lower, strict=True))
     return _apply_groups(upper, lower, words)
 
 
 def _is_title(row: tuple[str, ...], words: Vocabulary) -> bool:
-    """Return whether a row has one text only, at its begin, that is no known word."""
+    """Return whether a row is a title: a single text, in its first cell, without a known word."""
     if sum(map(bool, row)) > 1 or not row[0]:
         return False
     parts = grammar.split_unit(row[0])[0].replace("_", " ").split()
-    known = any(grammar.state_named(part, words.states) or grammar.is_joint(part) for part in parts)
+    known = any(grammar.find_state(part, words.states) or grammar.is_joint(part) for part in parts)
     as_group = words.find(f"{row[0]} x")
     return not known and as_group is not None and as_group.quantity.target is not None
 
 
 def _apply_groups(upper: Sequence[str], lower: Sequence[str], words: Vocabulary) -> tuple[str, ...] | None:
-    """Put words below groups, which hold to the right as far as cells below them are filled.
+    """Combine a row of groups with the row below; None if a cell of the lower row is a number.
 
-    `P10 loaded [mm]` and `x` are `P10 loaded x [mm]`; a key below is not of the group next to it.
+    A group holds for its column and for the filled columns to its right: `P10 loaded [mm]` above `x`, `y`
+    gives `P10 loaded x [mm]` and `P10 loaded y [mm]`. A cell that is a header by itself, such as `label`, is
+    not combined with a group to its left.
     """
     texts, group = [], ""
     for above, below in zip(upper, lower, strict=True):
@@ -227,14 +257,15 @@ def _apply_groups(upper: Sequence[str], lower: Sequence[str], words: Vocabulary)
         name, unit = grammar.split_unit(group)
         joined = f"{group} {below}"
         if unit is not None and grammar.split_unit(below)[1] in (None, unit):
-            joined = _with_unit(f"{name} {below}", unit)
+            joined = _append_unit(f"{name} {below}", unit)
         alone = words.find(below)
-        free = alone is None or (alone.kind in POINTS and alone.quantity.target is None)
-        texts.append(joined if above or free or words.find(joined) is not None else below)
+        needs_group = alone is None or (alone.kind in POINTS and alone.quantity.target is None)
+        texts.append(joined if above or needs_group or words.find(joined) is not None else below)
     return tuple(texts)
 
 
-def _with_unit(name: str, unit: str) -> str:
+def _append_unit(name: str, unit: str) -> str:
+    """Return a header with a unit in brackets, unless the unit is empty or there already."""
     unit = unit.strip("[]() ")
     if not unit or unit in _NONE or grammar.split_unit(name)[1] == unit:
         return name
@@ -267,67 +298,69 @@ _EXAMPLES: Final[Mapping[Dimension, str]] = {"length": "mm", "angle": "deg", "fo
 class Columns:
     """All columns of a table."""
 
-    meanings: tuple[Meaning, ...]  # one a column, with the unit that holds for it
-    texts: Mapping[Kind, int]  # index of the first column of each kind; read for those of texts
+    meanings: tuple[Meaning, ...]  # meaning of each column, with its unit
+    texts: Mapping[Kind, int]  # index of the first column of each kind; used for kinds of texts only
     # indices of the columns of each quantity, in order of joints or axes
     quantities: Mapping[Quantity, tuple[int, ...]]
-    # by dimension, for all that occur; a moment may have none, then it is force times m
+    # units by dimension, for all that occur; moments without a unit are in the unit of force times m
     units: Mapping[Dimension, str]
     notes: tuple[str, ...] = ()  # what was assumed, in words
-    probe: bool = False  # whether `target` may be the reflector of the instrument, not a name of ours
-    faulty: bool = False  # whether they do not make a table
+    probe: bool = False  # whether `target` may be the instrument's reflector instead of a target
+    faulty: bool = False  # whether a header is not understood, or the columns do not fit together
 
     @property
     def needed(self) -> frozenset[str]:
-        """Return what of target and state the names of points or files must give."""
+        """Names among `target` and `state` that no column gives: names of points or files must."""
         positions = [quantity for quantity in self.quantities if quantity.kind == "position"]
         bare = [kind for kind in _NAMED if any(getattr(quantity, kind) is None for quantity in positions)]
         return frozenset(bare) - self.texts.keys()
 
     @property
     def whole(self) -> bool:
-        """Return whether there is one row for each observation."""
+        """Return whether each row is a whole observation."""
         return not self.needed and not {"target", "state"} & self.texts.keys()
 
 
 class ColumnReader:
-    """Understand the columns of a table; what is not understood is reported as faults."""
+    """Reader of the columns of a table; headers that are not understood are reported as faults."""
 
     def __init__(
         self, heading: Heading, rows: Sequence[Row], words: Vocabulary, options: ImportOptions, faults: Faults
     ) -> None:
-        """Take a header and rows of data, as long as the header."""
+        """Prepare to read columns; the rows of data are as long as the header."""
         self._heading, self._headers, self._rows = heading, heading.texts, rows
         self._words, self._options, self._faults = words, options, faults
         self._notes: list[str] = []
 
     def understand(self, axes_unit: str | None, *, state_in_name: bool) -> Columns:
-        """Return the columns; if they do not make a table, with what is not understood as `unknown`.
+        """Return the columns with their meanings; a header that is not understood means `unknown`.
 
         Args:
-            axes_unit: of x, y and z, as a comment of the file says.
+            axes_unit: unit of x, y and z that a comment of the file states; None without such a comment.
             state_in_name: whether the name of the file has a word for a state.
         """
         before = len(self._faults.found)
-        rotation = self._rotation()
-        meanings = self._meanings(rotation)
+        rotation = self._find_quaternion()
+        meanings = self._understand_headers(rotation)
         kinds = {meaning.kind for meaning in meanings}
         if "name" not in kinds and kinds & {"collection", "group"}:  # a target of a group is a point
-            meanings = [Meaning(Quantity("name")) if one.kind == "target" else one for one in meanings]
+            meanings = [Meaning(Quantity("name")) if each.kind == "target" else each for each in meanings]
         names = [column for column, meaning in enumerate(meanings) if meaning.kind in _NAMES]
         cells = (row.cells[column] for row in self._rows for column in names)
         by_template = "{state}" in f"{self._options.point_name} {self._options.file_name}"
-        by_name = state_in_name or any(grammar.names_a_state(cell, self._words.states) for cell in cells)
+        by_name = state_in_name or any(
+            grammar.contains_state_word(cell, self._words.states) for cell in cells
+        )
         if not ("state" in kinds or by_template or by_name):  # nothing else says the state
             meanings = self._recognise_states(meanings)
-        resolved = self._with_units(meanings, axes_unit)
+        resolved = self._resolve_units(meanings, axes_unit)
         texts: dict[Kind, int] = {}
         for index, meaning in enumerate(meanings):
             texts.setdefault(meaning.kind, index)
         quantities: dict[Quantity, tuple[int, ...]] = {}
         if "unknown" not in kinds:
-            quantities = self._quantities(meanings)
-            self._check_keys(texts, quantities)
+            quantities = self._group_by_quantity(meanings)
+            self._check_names_and_loads(texts, quantities)
             self._check_points(texts, quantities)
         measured = [meaning for meaning in resolved if meaning.axis is not None]
         return Columns(
@@ -340,16 +373,16 @@ class ColumnReader:
             faulty="unknown" in kinds or len(self._faults.found) > before,
         )
 
-    def _rotation(self) -> list[int]:
-        """Return the columns of a quaternion, Q0 to Q3 or Q1 to Q4: no angles of joints.
+    def _find_quaternion(self) -> list[int]:
+        """Return the indices of the columns of a quaternion, Q0 to Q3 or Q1 to Q4; empty without one.
 
-        Their squares add up to 1 in each row, or they are empty or 0. Angles have a unit, or the caller
-        states what they are; Q0 is no joint, and where Q1 to Q4 are 0 in all rows, they may be joints.
+        Its squares add up to 1 in each row, or are all 0. Columns with a unit or a stated meaning are angles
+        of joints. If Q1 to Q4 are 0 in all rows, they may be joints; Q0 cannot be a joint.
         """
-        texts = map(grammar.collapsed, self._headers)
+        texts = map(grammar.collapse_blanks, self._headers)
         named = {text.casefold(): i for i, text in enumerate(texts) if text not in self._words.stated}
         numbered = {text for text in named if re.fullmatch(r"q\d+", text)}
-        parts = next((one for one in _QUATERNIONS if numbered <= {*one} <= named.keys()), ())
+        parts = next((names for names in _QUATERNIONS if numbered <= {*names} <= named.keys()), ())
         columns = [named[part] for part in parts]
         cells = [[row.cells[column].replace(",", ".") for column in columns] for row in self._rows]
         sums = [sum(float(cell) ** 2 for cell in row if looks_like_a_number(cell)) for row in cells]
@@ -360,21 +393,24 @@ class ColumnReader:
         self._notes.append(f"{ends[0]} to {ends[1]} were ignored as the rotation of a probe")
         return columns
 
-    def _meanings(self, rotation: Sequence[int]) -> list[Meaning]:
-        """Return what each column means, no two the same; what is not understood is `unknown`."""
+    def _understand_headers(self, rotation: Sequence[int]) -> list[Meaning]:
+        """Return the meaning of each column; a header that is not understood or repeats one is a fault.
+
+        `rotation` has the indices of the columns of a quaternion, which are ignored like empty columns.
+        """
         meanings: list[Meaning] = []
         unclear = Faults(MAX_COLUMNS)
         for column, header in enumerate(self._headers):
             unused = column in rotation or not (header or any(row.cells[column] for row in self._rows))
             meaning = Meaning(Quantity("unknown"))
-            with unclear.collected(self._heading.place(column)):
+            with unclear.collect(self._heading.place(column)):
                 meaning = Meaning(Quantity("ignored"))
                 if not unused:
                     meaning = Meaning(Quantity("unknown"))
                     meaning = self._words.meaning(header, guessed=self._heading.guessed)
                 parts = [(other.quantity, other.axis) for other in meanings]
                 if meaning.kind not in _MAY_REPEAT and (meaning.quantity, meaning.axis) in parts:
-                    reason = f"{shown(header)} is a second column for {meaning}"
+                    reason = f"{quote(header)} is a second column for {meaning}"
                     remedy = "correct one of them, or skip it with `ignore`"
                     raise ImportFileError(self._heading.place(column), reason, remedy)
             meanings.append(meaning)
@@ -382,26 +418,31 @@ class ColumnReader:
         return meanings
 
     def _report_faults(self, found: Sequence[ImportFileError]) -> None:
-        """Report faults of headers; many unknown ones together, so that others are not hidden by them."""
+        """Report faults of headers; many unknown headers share messages, to leave room for other faults."""
         unknown = [fault for fault in found if fault.option == grammar.UNKNOWN]
         others = [fault for fault in found if fault.option != grammar.UNKNOWN]
         if len(unknown) <= _MANY:
             unknown, others = [], list(found)
         for start in range(0, len(unknown), _TOGETHER):
             group = unknown[start : start + _TOGETHER]
-            names = ", ".join(shown(self._headers[(fault.place.column or 1) - 1]) for fault in group)
+            names = ", ".join(quote(self._headers[(fault.place.column or 1) - 1]) for fault in group)
             reason = f"unknown column headers {names}"
             self._faults.report(group[0].place, reason, group[0].remedy, grammar.UNKNOWN)
         for fault in others:
             self._faults.add(fault)
 
     def _recognise_states(self, meanings: list[Meaning]) -> list[Meaning]:
-        """Take two words that all targets have for states if they are 0 and 1, as in `P10 0 x`, else ask."""
+        """Recognise states in the names of targets if each name occurs with two words, as in `P10 0 x`.
+
+        The words 0 and 1 are read as `unloaded` and `loaded`; the meanings with these states are returned.
+        Two other words are a fault, whose remedy is the option `state_words`.
+        """
         points = {column: one.quantity for column, one in enumerate(meanings) if one.kind in POINTS}
         if any(quantity.target is None or quantity.state for quantity in points.values()):
             return meanings
         for end in _ENDS:
-            parts = {name: end.fullmatch(name) for name in {one.target or "" for one in points.values()}}
+            names = {quantity.target or "" for quantity in points.values()}
+            parts = {name: end.fullmatch(name) for name in names}
             split = {name: (part["target"], part["word"]) for name, part in parts.items() if part}
             targets, named = {target for target, _ in split.values()}, {word for _, word in split.values()}
             if len(named) != 2 or len(split) != len(parts) or len(split) != 2 * len(targets):
@@ -418,7 +459,7 @@ class ColumnReader:
                 first, second = sorted(named, key=" ".join(map(str, meanings)).index)
                 self._faults.report(
                     self._heading.place(min(points)),
-                    f"{shown(first)} and {shown(second)} in the headers of positions may be states, but are "
+                    f"{quote(first)} and {quote(second)} in the headers of positions may be states, but are "
                     "not known",
                     f'name the state of each in `state_words`, such as {{"{first}": "unloaded", '
                     f'"{second}": "loaded"}}',
@@ -428,8 +469,11 @@ class ColumnReader:
                 return meanings
         return meanings
 
-    def _quantities(self, meanings: Sequence[Meaning]) -> dict[Quantity, tuple[int, ...]]:
-        """Return the columns of each quantity, which has all of its joints or axes, spelt alike."""
+    def _group_by_quantity(self, meanings: Sequence[Meaning]) -> dict[Quantity, tuple[int, ...]]:
+        """Return the columns of each quantity, in the order of joints or axes.
+
+        A missing joint or axis, and axes in upper and lower case, are reported as faults.
+        """
         quantities: dict[Quantity, dict[int, int]] = {}
         for index, meaning in enumerate(meanings):
             if meaning.axis is not None:
@@ -441,10 +485,10 @@ class ColumnReader:
             )
             absent = [axis for axis in range(count) if axis not in axes]
             headers = [self._headers[column] for column in axes.values()]
-            texts = [text for text in headers if grammar.collapsed(text) not in self._words.stated]
+            texts = [text for text in headers if grammar.collapse_blanks(text) not in self._words.stated]
             letters = {axis[0].isupper() for text in texts if (axis := _AXIS.search(text))}
-            if quantity.kind in POINTS and len(letters) > 1:  # one of them may be of another quantity
-                reason = f"{' and '.join(map(shown, texts))} are not spelt alike"
+            if quantity.kind in POINTS and len(letters) > 1:  # X and x may be different quantities
+                reason = f"{' and '.join(map(quote, texts))} are not spelt alike"
                 remedy = "write x, y and z alike, or give their meaning in `columns`"
                 self._faults.report(place, reason, remedy, grammar.UNKNOWN)
             if absent:
@@ -456,8 +500,10 @@ class ColumnReader:
                 self._faults.report(place, f"there are more than {MAX_JOINTS} joints", "check the headers")
         return {quantity: tuple(axes[axis] for axis in sorted(axes)) for quantity, axes in quantities.items()}
 
-    def _check_keys(self, texts: Mapping[Kind, int], quantities: Mapping[Quantity, tuple[int, ...]]) -> None:
-        """Check that rows have names and numbers, and one load."""
+    def _check_names_and_loads(
+        self, texts: Mapping[Kind, int], quantities: Mapping[Quantity, tuple[int, ...]]
+    ) -> None:
+        """Report faults unless the columns have names and numbers, and state the load only once."""
         place, report = self._heading.place(), self._faults.report
         if "name" not in texts and not self._options.by_order:
             remedy = (
@@ -470,19 +516,20 @@ class ColumnReader:
         if hung:
             self._notes.append("the weight of a mass, 9.80665 N a kilogram, pulls along −z of R0")
             if force:
-                reason = f"{shown(self._headers[hung[0]])} states the load, and forces state it, too"
+                header = quote(self._headers[hung[0]])
+                reason = f"{header} states the load, but columns of forces state the load, too"
                 report(self._heading.place(hung[0]), reason, "skip one of them with `ignore`")
 
     def _check_points(
         self, texts: Mapping[Kind, int], quantities: Mapping[Quantity, tuple[int, ...]]
     ) -> None:
-        """Check that positions have their targets and states in one way."""
+        """Report faults unless all columns of positions give target and state in the same way."""
         place, report = self._heading.place(), self._faults.report
         points = [quantity for quantity in quantities if quantity.kind in POINTS]
         for quantity in points:
             if quantity.kind != "along" and quantity.with_kind("position") not in quantities:
                 column = quantities[quantity][0]
-                reason = f"{shown(self._headers[column])} belongs to no position"
+                reason = f"{quote(self._headers[column])} has no matching columns of a position"
                 report(self._heading.place(column), reason, "correct its header, or use `ignore`")
         for kind in _NAMED:
             named = {getattr(quantity, kind) is not None for quantity in points}
@@ -493,25 +540,31 @@ class ColumnReader:
                 reason = f"there is a column `{kind}`, but the headers of positions name it, too"
                 report(self._heading.place(texts[kind]), reason, "keep one of them")
 
-    def _with_units(self, meanings: Sequence[Meaning], axes_unit: str | None) -> list[Meaning]:
-        """Return the meanings, each number with its unit; one unit for each dimension."""
+    def _resolve_units(self, meanings: Sequence[Meaning], axes_unit: str | None) -> list[Meaning]:
+        """Return the meanings with the units of all numbers; two units of one dimension are a fault.
+
+        `axes_unit` is the unit of x, y and z that a comment of the file states, or None.
+        """
         resolved = list(meanings)
-        for dimension in dict.fromkeys(one.dimension for one in meanings if one.dimension):
-            of_dimension = Faults(1)  # the others say the same
-            of_it = [one.dimension == dimension and one.kind != "mass" for one in meanings]  # it is in kg
-            columns = [index for index, holds in enumerate(of_it) if holds]
-            bare: list[int] = []
+        for dimension in dict.fromkeys(each.dimension for each in meanings if each.dimension):
+            of_dimension = Faults(1)  # the first fault is enough: others would say the same
+            # A hung mass is always in kg, so that its unit may differ from that of forces.
+            chosen = [each.dimension == dimension and each.kind != "mass" for each in meanings]
+            columns = [index for index, is_chosen in enumerate(chosen) if is_chosen]
+            bare: list[int] = []  # columns without a unit
             first = ""
             for column in columns:
-                with of_dimension.collected(self._heading.place(column)):
+                with of_dimension.collect(self._heading.place(column)):
                     meaning = meanings[column]
-                    unit = self._unit(meaning, axes_unit if meaning.kind == "position" else None)
+                    unit = self._decide_unit(meaning, axes_unit if meaning.kind == "position" else None)
                     resolved[column] = replace(meaning, unit=unit)
                     first = first or unit or ""
                     if unit is None:
                         bare.append(column)
                     elif unit != first:
-                        reason = f"{meaning} is in {spoken(unit)}, but other columns are in {spoken(first)}"
+                        reason = (
+                            f"{meaning} is in {name_unit(unit)}, but other columns are in {name_unit(first)}"
+                        )
                         remedy = f"use one unit for every {dimension}"
                         raise ImportFileError(self._heading.place(column), reason, remedy)
             for fault in of_dimension.found:
@@ -519,14 +572,16 @@ class ColumnReader:
             units = self._options.units
             force_times_m = dimension == "moment" and units is not None and units.length == "m"
             if bare and not force_times_m:
-                self._report_bare(dimension, meanings[bare[0]], bare)
+                self._report_missing_unit(dimension, meanings[bare[0]], bare)
         return resolved
 
-    def _unit(self, meaning: Meaning, of_axes: str | None) -> str | None:
-        """Return the unit of the header, else of the file's comment, else the caller's.
+    def _decide_unit(self, meaning: Meaning, of_axes: str | None) -> str | None:
+        """Return the unit of a column: by its header, else by the file's comment, else by the caller.
+
+        Return None if none of these states a unit.
 
         Raises:
-            ImportFileError: two of them differ.
+            ImportFileError: two of these sources state different units.
         """
         units = self._options.units
         known = None if units is None else getattr(units, meaning.dimension or "")
@@ -534,19 +589,20 @@ class ColumnReader:
         (first, unit), *others = [(where, unit) for where, unit in sources.items() if unit] or [("", None)]
         for where, other in others:
             if unit is not None and other != unit:
-                reason = f"{meaning} is in {spoken(unit)} by {first}, but in {spoken(other or '')} by {where}"
+                units_given = f"in {name_unit(unit)} by {first}, but in {name_unit(other or '')} by {where}"
+                reason = f"{meaning} is {units_given}"
                 raise ImportFileError(NOWHERE, reason, "correct the file or `units`")
         return unit
 
-    def _report_bare(self, dimension: Dimension, meaning: Meaning, columns: Sequence[int]) -> None:
-        """Report that a column has no unit, nor others of its dimension."""
+    def _report_missing_unit(self, dimension: Dimension, meaning: Meaning, columns: Sequence[int]) -> None:
+        """Report that columns of a dimension have no unit; `meaning` is that of the first of them."""
         header, others = self._headers[columns[0]], len(columns) - 1
         more = f", nor {'has 1 other' if others == 1 else f'have {others} others'}" if others else ""
         example = f"{header or meaning} [{_EXAMPLES[dimension]}]"
         remedy = f"write it in the header, such as `{example}`, or give `units`"
         what = str(meaning)
-        if meaning.quantity.target is not None:  # which may be another word
-            what = f"{shown(header)}, read as {meaning},"
+        if meaning.quantity.target is not None:  # the target's name may be a word with another meaning
+            what = f"{quote(header)}, read as {meaning},"
             remedy += f"; if it means something else, give `columns`, such as {header}=x"
         place = self._heading.place(columns[0])
         self._faults.report(place, f"{what} has no unit{more}", remedy, f"units.{dimension}")

@@ -15,18 +15,18 @@ from jointstiff.schemas.imports import (
     ImportOptions,
 )
 from jointstiff.service.importing import grammar
-from jointstiff.service.importing.errors import Faults, ImportFileError, Place, shown
-from jointstiff.service.importing.grammar import Vocabulary, collapsed, spoken
-from jointstiff.service.importing.grid import Grid, Remark, Row, decide_mark, looks_like_a_number
+from jointstiff.service.importing.errors import Faults, ImportFileError, Place, quote
+from jointstiff.service.importing.grammar import Vocabulary, collapse_blanks, name_unit
+from jointstiff.service.importing.grid import Grid, Remark, Row, decide_decimal_mark, looks_like_a_number
 from jointstiff.service.importing.header import ColumnReader, Columns, Heading, find_heading
 
 _FINE: Final = 6
-"""Decimals of a number to which another one adds nothing that matters."""
+"""Number of decimals after which a further, missing decimal does not matter."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """A table whose columns are understood."""
+    """Table with the meaning of its columns, its rows of data, and remarks on it."""
 
     grid: Grid  # the file
     preview: FilePreview  # how it was read
@@ -37,8 +37,14 @@ class Layout:
     doubt: str | None = None  # value to be confirmed, in words
 
 
-def lay_out(grid: Grid, options: ImportOptions, faults: Faults) -> Layout:
-    """Find and understand the header and the columns of a file."""
+def understand_table(grid: Grid, options: ImportOptions, faults: Faults) -> Layout:
+    """Find the header of a table and understand its columns; return the table with its rows of data.
+
+    Faults that do not stop the reading are added to `faults`.
+
+    Raises:
+        ImportFileError: the header cannot be found, or a title or comment contradicts the table.
+    """
     words = Vocabulary(options)
     heading = find_heading(grid, words, options)
     remarks = sorted([*grid.comments, *_titles_above(grid, heading)])
@@ -47,31 +53,31 @@ def lay_out(grid: Grid, options: ImportOptions, faults: Faults) -> Layout:
     headers = ["" if heading.assumed else text for text in heading.texts]
     if options.layouts:
         _check_template(options, headers, heading.place(), faults)
-    in_name = grammar.names_a_state(grid.stem, options.state_words)
+    in_name = grammar.contains_state_word(grid.stem, options.state_words)
     columns = ColumnReader(heading, rows, words, options, faults).understand(unit, state_in_name=in_name)
     _check_units(grid.file, remarks, columns, faults)
-    doubt = _check_end(grid, rows, faults)
+    doubt = _check_cut_off(grid, rows, faults)
     notes = [*grid.preview.assumptions, *heading.notes, *columns.notes]
     numbered = options.by_order and "name" not in columns.texts
     if numbered:
         notes.append("rows were numbered, the first as observation 1, as `by_order` requires")
-    kept = _not_deleted(grid, rows, columns, faults, numbered=numbered)
+    kept = _drop_deleted_rows(grid, rows, columns, faults, numbered=numbered)
     if len(kept) < len(rows):
         notes.append(f"rows marked as deleted were left out: {len(rows) - len(kept)}")
     rows = kept
     if frame is not None:
-        notes.append(f"positions are in the frame {shown(frame)}, as the file states")
+        notes.append(f"positions are in the frame {quote(frame)}, as the file states")
     if unit is not None:
-        notes.append(f"positions are in {spoken(unit)}, as the file states")
+        notes.append(f"positions are in {name_unit(unit)}, as the file states")
     if columns.units.get("length") == "in":
         notes.append("lengths in inches were converted to mm; so are numbers in options")
     mark, numbers = None, [column for indices in columns.quantities.values() for column in indices]
-    with faults.collected():
-        mark, assumed = decide_mark(grid, rows, numbers, options.decimal_mark)
+    with faults.collect():
+        mark, assumed = decide_decimal_mark(grid, rows, numbers, options.decimal_mark)
         notes += [assumed] if assumed else []
     preview = {
         "decimal_mark": mark if grid.preview.format == "text" else None,
-        "columns": _meanings(headers, columns),
+        "columns": _describe_columns(headers, columns),
         "row_count": len(rows),
         "first_rows": [list(row.cells) for row in rows[:MAX_PREVIEW_ROWS]],
         "assumptions": notes,
@@ -81,8 +87,8 @@ def lay_out(grid: Grid, options: ImportOptions, faults: Faults) -> Layout:
     return Layout(grid, grid.preview.model_copy(update=preview), columns, rows, mark, frame, doubt)
 
 
-def _meanings(headers: Sequence[str], columns: Columns) -> list[ColumnMeaning]:
-    """Return the columns as the preview shows them."""
+def _describe_columns(headers: Sequence[str], columns: Columns) -> list[ColumnMeaning]:
+    """Return a description of each column for the preview: header, meaning and unit."""
     return [
         ColumnMeaning(
             column=column,
@@ -96,17 +102,17 @@ def _meanings(headers: Sequence[str], columns: Columns) -> list[ColumnMeaning]:
 
 
 def _check_template(options: ImportOptions, headers: Sequence[str], place: Place, faults: Faults) -> None:
-    """Refuse headers that no file of the template had."""
-    texts = [collapsed(text) for text in headers]
-    known = [[collapsed(text) for text in one] for one in options.layouts]
+    """Report a fault if the headers differ from those of all files of the import template."""
+    texts = [collapse_blanks(text) for text in headers]
+    known = [[collapse_blanks(text) for text in layout] for layout in options.layouts]
     if texts in known:
         return
-    nearest = max(known, key=lambda one: len(set(one) & set(texts)))
+    nearest = max(known, key=lambda layout: len(set(layout) & set(texts)))
     differences = {
         "missing": [text for text in nearest if text not in texts],
         "not in the template": [text for text in texts if text not in nearest],
     }
-    named = [f"{what}: {shown(', '.join(found))}" for what, found in differences.items() if found]
+    named = [f"{what}: {quote(', '.join(found))}" for what, found in differences.items() if found]
     reason = "; ".join(named) or "the same columns in another order or number"
     remedy = "import it without the template (`layouts`), or correct it"
     faults.report(place, f"the file does not fit the template; {reason}", remedy)
@@ -132,7 +138,7 @@ _UNIT: Final = re.compile(
 
 
 def _titles_above(grid: Grid, heading: Heading) -> list[Remark]:
-    """Return the rows above the header: `Frame;A::R0` as `Frame: A::R0`."""
+    """Return the rows above the header as remarks: the cells `Frame;A::R0` as `Frame: A::R0`."""
     titles = []
     for row in grid.rows[: max(0, heading.start - len(heading.lines))]:
         first, *others = [cell for cell in row.cells if cell]
@@ -141,48 +147,52 @@ def _titles_above(grid: Grid, heading: Heading) -> list[Remark]:
 
 
 def _read_remarks(file: str, remarks: Sequence[Remark]) -> tuple[str | None, str | None]:
-    """Return the unit of x, y and z and the frame of positions that remarks say.
+    """Find the unit of x, y and z, and the name of the positions' frame, in titles and comments of a file.
 
-    As in `AXES = CARTESIAN: X, Y, Z (mm)`, `… Coordinate Frame 'A::R0'`, `Frame: A`.
+    Examples are `AXES = CARTESIAN: X, Y, Z (mm)`, `… Coordinate Frame 'A::R0'` and `Frame: A`. What no remark
+    states is None.
+
+    Raises:
+        ImportFileError: coordinates are not Cartesian, the unit is unknown, or two frames are named.
     """
     unit = frame = None
     for line, text in remarks:
         place, axes, match = Place(file, line), _AXES.search(text), _AXES_UNIT.search(text)
         if axes and axes[1].upper() != "CARTESIAN":
-            reason = f"the file has {shown(axes[1].lower())} coordinates"
+            reason = f"the file has {quote(axes[1].lower())} coordinates"
             raise ImportFileError(place, reason, "export Cartesian coordinates x, y, z")
         word = (match[1] or match[2]) if match else ""
-        known = grammar.unit_named(word) or grammar.unit_named(word.casefold())
+        known = grammar.find_known_unit(word) or grammar.find_known_unit(word.casefold())
         if known is not None and known[0] == "length":
             unit = unit or known[1]
-        elif word and (axes or grammar.any_unit(word)):  # else it is prose
-            reason = f"the unit {shown(word)} of x, y, z is not known"
+        elif word and (axes or grammar.find_any_unit(word)):  # any other word is part of a sentence
+            reason = f"the unit {quote(word)} of x, y, z is not known"
             raise ImportFileError(place, reason, "export in mm, m or inches")
         if match := _FRAME.search(text):
-            name = collapsed(match[1].rstrip(", \t")).strip("'\"")
+            name = collapse_blanks(match[1].rstrip(", \t")).strip("'\"")
             if frame not in (None, name):
-                reason = f"the frame of the positions is {shown(name)} here, but {shown(frame or '')} above"
+                reason = f"the frame of the positions is {quote(name)} here, but {quote(frame or '')} above"
                 raise ImportFileError(place, reason, "export one frame per file")
             frame = name
     return unit, frame
 
 
 def _check_units(file: str, remarks: Sequence[Remark], columns: Columns, faults: Faults) -> None:
-    """Refuse numbers in other units than a title or a comment names, such as `Units: inches` or `[m]`."""
+    """Report a fault if a title or comment, such as `Units: inches`, names another unit than the columns."""
     for line, text in remarks:
         match = _UNITS.search(text)
         words = re.findall(r"[^\s,;:()\[\]]+", match["units"]) if match else []
-        known = [word for word in words if grammar.any_unit(word) and (word != "in" or len(words) == 1)]
+        known = [word for word in words if grammar.find_any_unit(word) and (word != "in" or len(words) == 1)]
         if match and not match["end"] and len(known) < len(words):
-            known = []  # prose
+            known = []  # the words are a sentence, not a list of units
         elif len(words) == 1 and not known and words[0].isalpha():
-            reason = f"the unit {shown(words[0])} is not known"
+            reason = f"the unit {quote(words[0])} is not known"
             faults.report(Place(file, line), reason, "correct the remark, or remove it")
         for word in (*known, *map("".join, _UNIT.findall(text))):
-            dimension, unit = grammar.any_unit(word) or (None, "")
+            dimension, unit = grammar.find_any_unit(word) or (None, "")
             held = columns.units.get(dimension) if dimension else None
             if dimension and held and unit != held:
-                reason = f"{shown(word)} is given here, but {dimension}s are in {spoken(held)}"
+                reason = f"{quote(word)} is given here, but {dimension}s are in {name_unit(held)}"
                 remedy = "correct the unit, or remove the remark"
                 faults.report(Place(file, line), reason, remedy, f"units.{dimension}")
 
@@ -191,7 +201,10 @@ def _check_units(file: str, remarks: Sequence[Remark], columns: Columns, faults:
 
 
 def _fit_lengths(grid: Grid, heading: Heading, faults: Faults) -> tuple[Heading, tuple[Row, ...]]:
-    """Return header and rows of one length; what is empty at the end of all of them is left out."""
+    """Return the heading and the rows of data, all of one length; rows of another length are faults.
+
+    Columns at the end are left out if their headers and all of their cells are empty.
+    """
     rows, texts, notes = grid.rows[heading.start :], heading.texts, heading.notes
     lengths = {len(row.cells) for row in rows}
     if len(lengths) == 1:
@@ -203,7 +216,7 @@ def _fit_lengths(grid: Grid, heading: Heading, faults: Faults) -> tuple[Heading,
             width -= 1
         if width <= min(longest, len(texts)):
             texts = texts[:width]
-            rows = tuple(_cut_rows(row, width) for row in rows)
+            rows = tuple(_cut_row(row, width) for row in rows)
             if longest > width and grid.preview.format == "text":
                 notes = (*notes, "every row ends with a delimiter; the empty last column was ignored")
     fitted = []
@@ -223,17 +236,20 @@ def _fit_lengths(grid: Grid, heading: Heading, faults: Faults) -> tuple[Heading,
     return replace(heading, texts=texts, notes=notes), tuple(fitted)
 
 
-def _cut_rows(row: Row, width: int) -> Row:
+def _cut_row(row: Row, width: int) -> Row:
+    """Return the first cells of a row."""
     if len(row.cells) == width:
         return row
     return Row(row.line, row.cells[:width], None if row.kinds is None else row.kinds[:width])
 
 
-def _check_end(grid: Grid, rows: Sequence[Row], faults: Faults) -> str | None:
-    """Refuse a file whose last line has no end and whose last cell is shorter than its column.
+def _check_cut_off(grid: Grid, rows: Sequence[Row], faults: Faults) -> str | None:
+    """Report a fault if the end of a file seems to be cut off.
+
+    That is so if the last line has no line break and its last cell is shorter than the cells above.
 
     Returns:
-        A number that may be cut off as well, in words: it is neither rounded nor that of another row.
+        Words for the last number if it may be cut off, for the user to confirm; None without a doubt.
     """
     if grid.ended or len(rows) < 2:
         return None
@@ -244,28 +260,31 @@ def _check_end(grid: Grid, rows: Sequence[Row], faults: Faults) -> str | None:
     number, place = looks_like_a_number(last), grid.place(rows[-1], len(rows[-1].cells) - 1)
     shorter = number and length < min(lengths) - (not keeps_zeros)
     narrower = len(last.lstrip("+-")) < min(len(cell.lstrip("+-")) for cell in others)
-    begun = any(cell.startswith(last) and (number or narrower) for cell in others if cell != last)
-    whole = number and narrower and length == 0 < min(lengths)  # 22 below 836.13 and 63.6
-    if shorter or begun or whole:
-        reason = f"its last line has no end, and {shown(last)} is shorter than its column"
+    is_beginning = any(cell.startswith(last) and (number or narrower) for cell in others if cell != last)
+    lacks_decimals = number and narrower and length == 0 < min(lengths)  # 22 below 836.13 and 63.6
+    if shorter or is_beginning or lacks_decimals:
+        reason = f"its last line has no end, and {quote(last)} is shorter than the cells above"
         remedy = "export or copy the file again; if it is complete, end its last line"
         faults.report(place, f"the file is cut off: {reason}", remedy)
-    whole = last in others or 0 < length == max(lengths) or length >= _FINE
-    return f"the last number {last} ({place}), whose line has no end" if number and not whole else None
+    complete = last in others or 0 < length == max(lengths) or length >= _FINE
+    return f"the last number {last} ({place}), whose line has no end" if number and not complete else None
 
 
-def _not_deleted(
+def _drop_deleted_rows(
     grid: Grid, rows: tuple[Row, ...], columns: Columns, faults: Faults, *, numbered: bool
 ) -> tuple[Row, ...]:
-    """Return the rows that no cell below `deleted` marks."""
+    """Return the rows that are not marked as deleted in the column `deleted`, if there is such a column.
+
+    With rows that are `numbered` for lack of labels, a deleted row is a fault: the numbers are not certain.
+    """
     index = columns.texts.get("deleted")
     if index is None:
         return rows
     kept = []
     for row in rows:
-        marked = grammar.MARKS.get(grammar.folded(row.cells[index]))
+        marked = grammar.MARKS.get(grammar.fold_word(row.cells[index]))
         if marked is None:
-            reason = f"{shown(row.cells[index])} does not show whether the row is deleted"
+            reason = f"{quote(row.cells[index])} does not show whether the row is deleted"
             remedy = "use 0 or 1, or skip the column with `ignore`"
             faults.report(grid.place(row, index), reason, remedy)
         elif not marked:

@@ -15,9 +15,9 @@ from jointstiff.schemas.imports import (
     ImportOptions,
 )
 from jointstiff.schemas.robot import Body
-from jointstiff.service.importing.errors import Faults, ImportFileError, Place, shown
-from jointstiff.service.importing.grammar import MASSES, folded, split_unit
-from jointstiff.service.importing.grid import Grid, Row, decide_mark, read_number
+from jointstiff.service.importing.errors import Faults, ImportFileError, Place, quote
+from jointstiff.service.importing.grammar import MASSES, fold_word, split_unit
+from jointstiff.service.importing.grid import Grid, Row, decide_decimal_mark, read_number
 
 _NEEDED: Final = ("name", "joint", "mass", "x", "y", "z")
 _CENTRE: Final = ("x", "y", "z")
@@ -26,33 +26,33 @@ _UNITS: Final[Mapping[str, Mapping[str, float]]] = {
     "bound": {"%": 0.01, "kg": 1.0},
     **{kind: {"m": 1.0, "mm": 1e-3} for kind in (*_CENTRE, "radius")},
 }
-"""Units of each column of numbers, and their factors; of bounds in kg next to the mass."""
+"""Units of each column of numbers, and their factors to SI units; a bound in kg is divided by the mass."""
 
 
-def is_masses(grid: Grid) -> bool:
-    """Return whether the first row of a table has columns for a mass and for the joint that carries it."""
-    kinds = [MASSES.get(folded(split_unit(cell)[0])) for cell in grid.rows[0].cells]
+def is_mass_table(grid: Grid) -> bool:
+    """Return whether the first row of a table names a column of masses and a column of joints."""
+    kinds = [MASSES.get(fold_word(split_unit(cell)[0])) for cell in grid.rows[0].cells]
     return "mass" in kinds and "joint" in kinds
 
 
-def read_masses(grid: Grid, options: ImportOptions, faults: Faults) -> tuple[list[Body], FilePreview]:
-    """Return the bodies of a table of masses, and the file as it was read.
+def read_mass_table(grid: Grid, options: ImportOptions, faults: Faults) -> tuple[list[Body], FilePreview]:
+    """Return the bodies of a table of masses, and the preview of the file; faults of rows are collected.
 
     Raises:
-        ImportFileError: a header is not understood, lacks its unit, or is missing.
+        ImportFileError: a header is not understood, has no known unit, or is missing.
     """
     header, *rows = grid.rows
     columns: dict[str, int] = {}
     units: dict[str, str] = {}
     for column, text in enumerate(header.cells):
         base, unit = split_unit(text)
-        kind, place = MASSES.get(folded(base)), grid.place(header, column)
+        kind, place = MASSES.get(fold_word(base)), grid.place(header, column)
         if kind is None or kind in columns:
-            reason = f"the header {shown(text)} of a table of masses is not known, or there twice"
+            reason = f"the header {quote(text)} of a table of masses is unknown, or occurs twice"
             remedy = "use `body`, `joint`, `mass [kg]`, `± [%]`, `centre x [mm]`, y, z, `centre ± [mm]`"
             raise ImportFileError(place, reason, remedy)
         if kind in _UNITS and unit not in _UNITS[kind]:
-            reason = f"the unit of {shown(text)} is not one of {', '.join(_UNITS[kind])}"
+            reason = f"the unit of {quote(text)} is not one of {', '.join(_UNITS[kind])}"
             raise ImportFileError(place, reason, f"write it as in `{base} [{next(iter(_UNITS[kind]))}]`")
         columns[kind] = column
         units[kind] = unit or ""
@@ -60,19 +60,19 @@ def read_masses(grid: Grid, options: ImportOptions, faults: Faults) -> tuple[lis
     if absent or not rows:
         reason = f"the table of masses has no {'row' if not absent else 'column ' + ', '.join(absent)}"
         raise ImportFileError(Place(grid.file, header.line), reason, "add it")
-    whole = []
+    complete = []
     for row in rows:
         if len(row.cells) == len(columns):
-            whole.append(row)
+            complete.append(row)
         else:
             reason = f"the row has {len(row.cells)} cells, but the header {len(columns)}"
             faults.report(grid.place(row), reason, "give every row the same number of cells")
     numbers = [columns[kind] for kind in columns if kind in _UNITS]
-    mark, assumed = decide_mark(grid, whole, numbers, options.decimal_mark)
+    mark, assumed = decide_decimal_mark(grid, complete, numbers, options.decimal_mark)
     bodies = []
-    for row in whole:
-        with faults.collected(grid.place(row)):
-            bodies.append(_body(grid, row, columns, units, mark))
+    for row in complete:
+        with faults.collect(grid.place(row)):
+            bodies.append(_read_body(grid, row, columns, units, mark))
     meanings = [
         ColumnMeaning(column=column + 1, header=header.cells[column], meaning=kind, unit=units[kind] or None)
         for kind, column in columns.items()
@@ -89,24 +89,31 @@ def read_masses(grid: Grid, options: ImportOptions, faults: Faults) -> tuple[lis
     return bodies, grid.preview.model_copy(update=update)
 
 
-def _body(
+def _read_body(
     grid: Grid, row: Row, columns: Mapping[str, int], units: Mapping[str, str], mark: DecimalMark
 ) -> Body:
-    """Return the body of a row; its bounds are relative to its mass.
+    """Return the body of a row in SI units, with the uncertainty of its mass relative to the mass.
+
+    Args:
+        grid: the file.
+        row: row of the table.
+        columns: index of each kind of column.
+        units: unit of each kind of column.
+        mark: decimal mark of the file.
 
     Raises:
-        ImportFileError: a cell is no number, or the numbers make no body.
+        ImportFileError: a cell is not a number, or the numbers do not describe a body.
     """
     value: dict[str, float] = {}
     for kind in [kind for kind in columns if kind in _UNITS]:
         try:
             value[kind] = read_number(row.cells[columns[kind]], mark) * _UNITS[kind][units[kind]]
         except ImportFileError as fault:
-            raise fault.at(grid.place(row, columns[kind])) from None
+            raise fault.add_place(grid.place(row, columns[kind])) from None
     optional = {}
     if "bound" in value:
-        per = value["mass"] or 1.0 if units["bound"] == "kg" else 1.0
-        optional["mass_uncertainty"] = value["bound"] / per
+        divisor = value["mass"] or 1.0 if units["bound"] == "kg" else 1.0
+        optional["mass_uncertainty"] = value["bound"] / divisor
     if "radius" in value:
         optional["centre_uncertainty"] = value["radius"]
     try:
@@ -119,5 +126,6 @@ def _body(
         )
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False, include_input=False)[0]
-        reason = f"the row is no body: {'.'.join(map(str, first['loc']))}: {first['msg'].lower()}"
+        invalid = f"{'.'.join(map(str, first['loc']))}: {first['msg'].lower()}"
+        reason = f"the row does not describe a body: {invalid}"
         raise ImportFileError(grid.place(row), reason, "correct its numbers") from error

@@ -25,12 +25,12 @@ from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.measurement import MAX_OBSERVATIONS, MAX_TARGETS
 from jointstiff.schemas.robot import Body
 from jointstiff.service.importing import grid
-from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, shown
+from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.excel import read_workbook
-from jointstiff.service.importing.grammar import POINTS, Quantity, along_axis, collapsed, spoken
+from jointstiff.service.importing.grammar import POINTS, Quantity, along_axis, collapse_blanks, name_unit
 from jointstiff.service.importing.grid import Grid, file_type, read_text
-from jointstiff.service.importing.layout import Layout, lay_out
-from jointstiff.service.importing.masses import is_masses, read_masses
+from jointstiff.service.importing.layout import Layout, understand_table
+from jointstiff.service.importing.masses import is_mass_table, read_mass_table
 from jointstiff.service.importing.rows import Gathered, Names, RowReader, Surroundings, Value
 
 _NO_OPTIONS: Final = ImportOptions()
@@ -43,9 +43,9 @@ _U95: Final[Mapping[_Uncertainty, str]] = MappingProxyType(
     }
 )
 _FAR: Final = 100.0
-"""Distance of a value from its column's median, in spreads, beyond which a question is asked."""
+"""Distance of a value from its column's median, in spreads, beyond which the user has to confirm it."""
 _LEAST: Final = 5
-"""Values of a column that has a spread."""
+"""Fewest values of a column for which a spread is computed."""
 _LISTED: Final = 3
 """Labels named in a message."""
 _STATES: Final[tuple[State, ...]] = ("unloaded", "loaded", "deflection")
@@ -77,8 +77,8 @@ class Understood:
 
     @property
     def places(self) -> dict[str, str]:
-        """Return the name of its place in the flange by each target that was read as a deflection."""
-        read = (quantity for one in self.observations for quantity in one.values)
+        """For each target that was read as a deflection, the name of its place in the flange frame."""
+        read = (quantity for observation in self.observations for quantity in observation.values)
         return {
             target or "": along_axis(target or "")[0] if kind == "along" else target or ""
             for kind, target, state in read
@@ -87,20 +87,26 @@ class Understood:
 
 
 def understand_files(files: Sequence[SourceFile], options: ImportOptions = _NO_OPTIONS) -> Understood:
-    """Understand files of readings: tables of a campaign, lists of points, or both, matched by label.
+    """Read files of a campaign: tables, lists of points, or both, matched by label.
 
     Returns:
-        What was understood, and what is not understood, contradictory or ambiguous, each with its place.
+        The observations and a preview, or the faults: places that are not understood, contradictory or
+        ambiguous.
     """
     faults = Faults()
     reader = _Reader(options, faults)
-    with faults.collected():
+    with faults.collect():
         _check_files(files)
         return reader.read(files)
-    return reader.understood()
+    return reader.build_answer()
 
 
 def _check_files(files: Sequence[SourceFile]) -> None:
+    """Refuse too many or too large files, and two files with the same name.
+
+    Raises:
+        ImportFileError: a limit is exceeded, or a name occurs twice.
+    """
     if not 0 < len(files) <= grid.MAX_FILES:
         raise ImportFileError(NOWHERE, f"{len(files)} files", f"send 1 to {grid.MAX_FILES} files")
     names: set[str] = set()
@@ -114,7 +120,8 @@ def _check_files(files: Sequence[SourceFile]) -> None:
         if total > grid.MAX_FILE_BYTES:
             limit = f"the files exceed {grid.MAX_FILE_BYTES // 1024**2} MiB together"
             raise ImportFileError(place, limit, "import fewer files at once")
-        ends, pairs = (b"\n", b"\r"), (b"\r\n", b"\r\0\n")  # in UTF-16 as well; a workbook has few by chance
+        # Line ends are counted in UTF-8 and UTF-16; the bytes of a workbook contain few of them by chance.
+        ends, pairs = (b"\n", b"\r"), (b"\r\n", b"\r\0\n")
         lines += sum(map(file.content.count, ends)) - sum(map(file.content.count, pairs))
         if lines > grid.MAX_LINES:
             limit = f"the files have more than {grid.MAX_LINES} lines together, empty ones and comments too"
@@ -122,7 +129,7 @@ def _check_files(files: Sequence[SourceFile]) -> None:
 
 
 class _Reader:
-    """All files of an import, one after the other."""
+    """Reader of all files of an import, one after the other."""
 
     def __init__(self, options: ImportOptions, faults: Faults) -> None:
         self._options, self._faults = options, faults
@@ -134,12 +141,16 @@ class _Reader:
         self._surroundings = Surroundings()
 
     def read(self, files: Sequence[SourceFile]) -> Understood:
-        """Read all files."""
+        """Read all files; return their observations, or their faults.
+
+        Raises:
+            ImportFileError: the files cannot be read on, such as masses without readings.
+        """
         faults = self._faults
         for file in files:
-            with faults.collected():
-                self._add(_grid(file, self._options))
-        if all(not one.columns.faulty for one in self._layouts) and len(self._previews) == len(files):
+            with faults.collect():
+                self._read_table(_read_grid(file, self._options))
+        if all(not layout.columns.faulty for layout in self._layouts) and len(self._previews) == len(files):
             if not self._layouts:
                 remedy = "import them together with the readings of the robot"
                 raise ImportFileError(NOWHERE, "the files have masses and no readings", remedy)
@@ -147,117 +158,122 @@ class _Reader:
         readers = []
         for layout in self._layouts:
             if layout.mark is not None and not layout.columns.faulty:
-                with faults.collected():
+                with faults.collect():
                     names = Names(layout, self._options, self._notes)
                     readers.append(RowReader(layout, names, self._surroundings))
-        records = (record for reader in readers for record in reader.records(faults))
-        observations = _gather(records, faults)
-        return self.understood() if faults.found else self._checked(observations)
+        records = (record for reader in readers for record in reader.read_records(faults))
+        observations = _merge_by_label(records, faults)
+        return self.build_answer() if faults.found else self._check_and_assemble(observations)
 
-    def _add(self, table: Grid) -> None:
+    def _read_table(self, table: Grid) -> None:
         """Read the bodies of a table of masses, or understand the header of any other."""
-        if is_masses(table):
-            bodies, preview = read_masses(table, self._options, self._faults)
+        if is_mass_table(table):
+            bodies, preview = read_mass_table(table, self._options, self._faults)
             self._bodies += bodies
             self._previews.append(preview)
             return
-        self._layouts.append(lay_out(table, self._options, self._faults))
+        self._layouts.append(understand_table(table, self._options, self._faults))
         self._previews.append(self._layouts[-1].preview)
-        self._compare(self._layouts[-1])
+        self._compare_with_others(self._layouts[-1])
 
-    def _checked(self, observations: list[Gathered]) -> Understood:
-        """Return the observations of all files, if they are complete."""
+    def _check_and_assemble(self, observations: list[Gathered]) -> Understood:
+        """Check the observations of all files against each other; return them with the final preview.
+
+        If there are faults, only these and the previews of the files are returned.
+        """
         faults, notes = self._faults, self._notes
-        targets = _targets(observations)
-        _check_values(observations, faults)
-        present = {quantity.state for one in observations for quantity in one.values}
+        targets = _list_targets(observations)
+        _check_same_quantities(observations, faults)
+        present = {quantity.state for observation in observations for quantity in observation.values}
         states = [state for state in _STATES if state in present]
         read = states not in _HALVES
         if targets and read:
-            observations, lacking = _complete(observations, targets, faults, self._options.allow_missing)
+            observations, lacking = _keep_complete(observations, targets, faults, self._options.allow_missing)
             notes += lacking
         sigmas = _check_sigmas(observations, faults)
         for kind, count in sigmas.items():
             notes.append(f"{_U95[kind]}{f' ({count} points)' if len(sigmas) > 1 else ''}")
         if faults.found:
-            return self.understood()
+            return self.build_answer()
         notes += self._surroundings.notes
-        held_out = [one.label for one in observations if one.held_out]
+        held_out = [observation.label for observation in observations if observation.held_out]
         if held_out:
             notes.append(f"held out from the fit, to judge it: {', '.join(held_out)}")
         joints = observations[0].vector("joint") if observations else None
-        preview = self.understood().preview.model_copy(
+        preview = self.build_answer().preview.model_copy(
             update={
                 "observation_count": len(observations),
-                "first_labels": [one.label for one in observations[:MAX_PREVIEW_ROWS]],
+                "first_labels": [observation.label for observation in observations[:MAX_PREVIEW_ROWS]],
                 "joint_count": None if joints is None else len(joints),
                 "joint_kinds": self._joint_kinds(),
                 "targets": targets,
                 "states": states,
-                "reading_count": sum(len(one.points) for one in observations) if read else 0,
+                "reading_count": sum(len(observation.points) for observation in observations) if read else 0,
                 "assumptions": notes,
                 "uncertainty": next(iter(sigmas), None),
             }
         )
         units = {kind: "mm" if unit == "in" else unit for kind, unit in self._units.items()}
         doubts = [layout.doubt for layout in self._layouts if layout.doubt]
-        unusual = (*doubts, *_unusual_values(observations))
+        unusual = (*doubts, *_find_unusual_values(observations))
         bodies = tuple(self._bodies)
         return Understood(preview, (), tuple(observations), units, self._surroundings, bodies, unusual)
 
     def _joint_kinds(self) -> list[JointKind]:
-        """Return the kinds of the joints by the units of their columns."""
+        """Return the kinds of the joints, prismatic if the column's unit is a length; [] without joints."""
         for columns in (layout.columns for layout in self._layouts):
             if indices := columns.quantities.get(Quantity("joint")):
                 dimensions = [columns.meanings[index].dimension for index in indices]
                 return ["prismatic" if each == "length" else "revolute" for each in dimensions]
         return []
 
-    def understood(self) -> Understood:
-        """Return the files as far as they were understood, and the faults."""
-        preview = ImportPreview(files=[self._with_faults(each) for each in self._previews])
+    def build_answer(self) -> Understood:
+        """Return the previews of the files that were read so far, and the faults."""
+        preview = ImportPreview(files=[self._add_fault_rows(each) for each in self._previews])
         return Understood(preview, tuple(self._faults.found))
 
-    def _with_faults(self, preview: FilePreview) -> FilePreview:
-        """Return the preview of a file with its rows that have faults, beyond the first ones."""
+    def _add_fault_rows(self, preview: FilePreview) -> FilePreview:
+        """Return the preview of a file with the rows that have faults, if the preview lacks these rows."""
         known = {*preview.header_lines, *preview.first_lines}
         places = (fault.place for fault in self._faults.found)
         lines = {place.line for place in places if place.file == preview.file} - known
         grids = (layout.grid for layout in self._layouts)
-        rows = [row for one in grids if one.file == preview.file for row in one.rows if row.line in lines]
+        rows = [row for each in grids if each.file == preview.file for row in each.rows if row.line in lines]
         cells = [list(row.cells) for row in rows]
         return preview.model_copy(update={"fault_rows": cells, "fault_lines": [row.line for row in rows]})
 
     def _check_options(self) -> None:
-        """Refuse what the caller states of names and headers that no file has."""
+        """Report options on names and headers that no file needs or has."""
         naming = [layout.columns for layout in self._layouts if layout.columns.needed]
         for option in ("point_name", "file_name"):
             text = getattr(self._options, option) or ""
             kinds = [kind for kind in ("target", "state") if f"{{{kind}}}" in text]
-            twice = [kind for kind in kinds for one in naming if kind not in {*one.needed, *one.texts}]
-            if text and (twice or not naming):
-                what = " and ".join(twice or ["target", "state"])
-                reason = f"the template {shown(text)} is not needed: headers or columns give the {what}"
+            given = [kind for kind in kinds for each in naming if kind not in {*each.needed, *each.texts}]
+            if text and (given or not naming):
+                what = " and ".join(given or ["target", "state"])
+                reason = f"the template {quote(text)} is not needed: headers or columns give the {what}"
                 self._faults.report(NOWHERE, reason, f"correct it, or omit `{option}`", option)
-        if self._options.state and not any("state" in one.needed for one in naming):
+        if self._options.state and not any("state" in each.needed for each in naming):
             reason = "the state of all positions is given by headers or columns"
             self._faults.report(NOWHERE, reason, "omit `state`", "state")
-        known = {collapsed(column.header) for layout in self._layouts for column in layout.preview.columns}
+        known = {
+            collapse_blanks(column.header) for layout in self._layouts for column in layout.preview.columns
+        }
         if self._options.layouts or "" in known:
             return
         for option in ("columns", "ignore"):
             for header in getattr(self._options, option):
-                if collapsed(header) not in known:
-                    reason = f"no file has the header {shown(header)}, which `{option}` names"
+                if collapse_blanks(header) not in known:
+                    reason = f"no file has the header {quote(header)}, which `{option}` names"
                     self._faults.report(NOWHERE, reason, f"write it in `{option}` as the file does", option)
 
-    def _compare(self, layout: Layout) -> None:
-        """Refuse a file in other units or in another frame than those before it."""
+    def _compare_with_others(self, layout: Layout) -> None:
+        """Report a file whose units or frame differ from those of the files before it."""
         place = Place(layout.grid.file)
         for dimension, unit in layout.columns.units.items():
             if self._units.setdefault(dimension, unit) != unit:
-                other = spoken(self._units[dimension])
-                reason = f"the unit of {dimension} is {spoken(unit)}, but {other} in other files"
+                other = name_unit(self._units[dimension])
+                reason = f"the unit of {dimension} is {name_unit(unit)}, but {other} in other files"
                 self._faults.report(place, reason, "use one unit for every quantity")
         if not _has_positions(layout):
             return
@@ -270,10 +286,16 @@ class _Reader:
 
 
 def _has_positions(layout: Layout) -> bool:
+    """Return whether a table has columns of positions."""
     return any(quantity.kind == "position" for quantity in layout.columns.quantities)
 
 
-def _grid(file: SourceFile, options: ImportOptions) -> Grid:
+def _read_grid(file: SourceFile, options: ImportOptions) -> Grid:
+    """Read a workbook or a text file as rows of cells.
+
+    Raises:
+        ImportFileError: the file is empty, of another type, or cannot be read.
+    """
     if not file.content.strip():
         raise ImportFileError(Place(file.name), "the file is empty", "check the export")
     kind = file_type(file.content, file.name)
@@ -293,7 +315,7 @@ def _grid(file: SourceFile, options: ImportOptions) -> Grid:
 
 
 def delimiter_of(file: SourceFile) -> Delimiter | None:
-    """Return the delimiter of a text file; None of other files, and where it is not certain."""
+    """Return the delimiter of a text file; None for other files, and if the delimiter is not certain."""
     if file_type(file.content, file.name) is not None:
         return None
     try:
@@ -305,120 +327,147 @@ def delimiter_of(file: SourceFile) -> Delimiter | None:
 # ---- records of all files, put together by label
 
 
-def _gather(records: Iterable[Gathered], faults: Faults) -> list[Gathered]:
-    """Put records of one label together, and refuse what is there twice or contradicts."""
+def _merge_by_label(records: Iterable[Gathered], faults: Faults) -> list[Gathered]:
+    """Merge the records of each label into one observation; repeated or contradictory values are faults.
+
+    Raises:
+        ImportFileError: there are too many observations.
+    """
     gathered: dict[str, Gathered] = {}
-    whole: dict[tuple[str | None, str], Place] = {}
+    first_places: dict[tuple[str | None, str], Place] = {}  # of each label in each file
     for record in records:
-        before = whole.setdefault((record.place.file, record.label), record.place)
+        before = first_places.setdefault((record.place.file, record.label), record.place)
         known = gathered.setdefault(record.label, record)
         if record.whole and before is not record.place:
-            _report_twice(f"the label {shown(record.label)}", record.place, before, faults)
+            _report_duplicate(f"the label {quote(record.label)}", record.place, before, faults)
         elif known is not record:
-            _add(known, record, faults)
+            _merge_record(known, record, faults)
         if len(gathered) > MAX_OBSERVATIONS:
             reason = f"there are more than {MAX_OBSERVATIONS} observations"
             raise ImportFileError(record.place, reason, "split the campaign into several sets")
     return list(gathered.values())
 
 
-def _report_twice(what: str, place: Place, before: Place, faults: Faults) -> None:
+def _report_duplicate(what: str, place: Place, before: Place, faults: Faults) -> None:
+    """Report that something occurs twice: at a place, and at a place before."""
     faults.report(place, f"{what} occurs twice, first at {before}", "rename or remove one of them")
 
 
-def _add(gathered: Gathered, record: Gathered, faults: Faults) -> None:
+def _merge_record(gathered: Gathered, record: Gathered, faults: Faults) -> None:
+    """Add the values of a record to the observation with its label; values that differ are faults."""
     gathered.held_out |= record.held_out
     for quantity, value in record.values.items():
         before = gathered.values.setdefault(quantity, value)
         if quantity.kind in POINTS and before is not value:
-            what = f"{quantity.target} {quantity.state} of {shown(record.label)}"
-            _report_twice(what, value.place, before.place, faults)
+            what = f"{quantity.target} {quantity.state} of {quote(record.label)}"
+            _report_duplicate(what, value.place, before.place, faults)
         elif before.vector != value.vector:
-            reason = f"the {quantity.kind} of {shown(record.label)} differs from that at {before.place}"
+            reason = f"the {quantity.kind} of {quote(record.label)} differs from that at {before.place}"
             remedy = "give each observation a unique label, or correct one of them"
             faults.report(record.place, reason, remedy)
 
 
-def _targets(observations: Iterable[Gathered]) -> list[str]:
-    """Return the names of all targets."""
+def _list_targets(observations: Iterable[Gathered]) -> list[str]:
+    """Return the names of all targets in the order of their first readings.
+
+    Raises:
+        ImportFileError: there are too many targets.
+    """
     targets: dict[str, None] = {}
     for quantity, value in (
-        (quantity, one.values[quantity]) for one in observations for quantity in one.values
+        (quantity, observation.values[quantity])
+        for observation in observations
+        for quantity in observation.values
     ):
         if quantity.target is not None:
             targets.setdefault(quantity.target)
         if len(targets) > MAX_TARGETS:
-            reason = f"there are more than {MAX_TARGETS} targets: {shown(', '.join(targets))}"
+            reason = f"there are more than {MAX_TARGETS} targets: {quote(', '.join(targets))}"
             remedy = "check which part of a name is the target; use `point_name` or `file_name`"
             raise ImportFileError(value.place, reason, remedy)
     return list(targets)
 
 
-def _check_values(observations: list[Gathered], faults: Faults) -> None:
-    """Check that what one observation has, all have."""
-    kinds = (quantity.kind for one in observations for quantity in one.values if quantity.target is None)
+def _check_same_quantities(observations: list[Gathered], faults: Faults) -> None:
+    """Report observations that lack joint angles, a force or another quantity which others have."""
+    kinds = (
+        quantity.kind
+        for observation in observations
+        for quantity in observation.values
+        if quantity.target is None
+    )
     for kind in dict.fromkeys(kinds):
-        having = [one for one in observations if one.vector(kind) is not None]
-        lacking = [one for one in observations if one.vector(kind) is None]
+        having = [observation for observation in observations if observation.vector(kind) is not None]
+        lacking = [observation for observation in observations if observation.vector(kind) is None]
         if lacking:
             others = f" and {len(lacking) - 1} others have" if len(lacking) > 1 else " has"
             reason = (
-                f"{shown(lacking[0].label)}{others} no {kind}, but other labels have: {_list_labels(having)}"
+                f"{quote(lacking[0].label)}{others} no {kind}, but other labels have: {_list_labels(having)}"
             )
             remedy = f"spell labels alike in all files; without {kind}: {_list_labels(lacking)}"
             faults.report(lacking[0].place, reason, remedy)
         count = len(having[0].vector(kind) or ())
-        for value in (one.values[Quantity(kind)] for one in having):
+        for value in (observation.values[Quantity(kind)] for observation in having):
             if len(value.vector or ()) != count:
                 counts = f"{len(value.vector or ())} joint angles here, but {count} in other observations"
                 faults.report(value.place, f"there are {counts}", "check the columns of joints")
 
 
 def _list_labels(observations: list[Gathered]) -> str:
-    """Return the first labels, in words."""
-    names = ", ".join(shown(one.label) for one in observations[:_LISTED])
+    """Return the first three labels of some observations in one text."""
+    names = ", ".join(quote(observation.label) for observation in observations[:_LISTED])
     return names + ", …" * (len(observations) > _LISTED)
 
 
-def _complete(
+def _keep_complete(
     observations: list[Gathered], targets: list[str], faults: Faults, allow_missing: bool
 ) -> tuple[list[Gathered], list[str]]:
-    """Observations with complete readings; the rest is refused, or left out with a remark."""
+    """Return the observations with complete readings only, and a note on each reading that is left out.
+
+    Unless `allow_missing` is set, each reading that is left out is a fault.
+    """
     kept, notes = [], []
-    gauges = {target for one in observations for kind, target, _ in one.values if kind == "along"}
-    lacks: list[tuple[bool, Place, str]] = []
-    for one in observations:
-        points = one.points
+    gauges = {
+        target for observation in observations for kind, target, _ in observation.values if kind == "along"
+    }
+    lacks: list[tuple[bool, Place, str]] = []  # whether nothing was read, place, and what is missing
+    for observation in observations:
+        points = observation.points
         incomplete = []
         for target in [t for t in targets if t in points or t not in gauges]:
-            with faults.collected():
+            with faults.collect():
                 states = points.get(target, {})
-                lack = _what_is_missing(one, target, states)
+                lack = _describe_gap(observation, target, states)
                 if lack is not None:
                     incomplete.append(target)
-                    place = next((point.place for point in states.values()), one.place)
-                    lacks.append((not states, place, f"{one.label}: {lack}"))
-        values = {key: value for key, value in one.values.items() if key.target not in incomplete}
+                    place = next((point.place for point in states.values()), observation.place)
+                    lacks.append((not states, place, f"{observation.label}: {lack}"))
+        values = {key: value for key, value in observation.values.items() if key.target not in incomplete}
         if any(quantity.target for quantity in values):
-            kept.append(replace(one, values=values))
+            kept.append(replace(observation, values=values))
         else:
-            notes.append(f"{one.label}: no reading is complete; the observation was skipped")
+            notes.append(f"{observation.label}: no reading is complete; the observation was skipped")
     if not allow_missing:
         remedy = "add the reading, check the spelling of names, or use `allow_missing`"
-        for _, place, reason in sorted(lacks, key=lambda entry: entry[0]):  # half a reading tells more
+        # Readings that are there in part come first: they show better what is wrong.
+        for _, place, reason in sorted(lacks, key=lambda entry: entry[0]):
             faults.report(place, reason, remedy, "allow_missing")
     if not kept:
         faults.report(observations[0].place, "no observation has a reading", "check the names")
     return kept, [*(f"{reason}; skipped" for _, _, reason in lacks), *notes]
 
 
-def _what_is_missing(one: Gathered, target: str, states: dict[State, Value]) -> str | None:
-    """Return what a reading lacks to be complete, or None."""
+def _describe_gap(observation: Gathered, target: str, states: dict[State, Value]) -> str | None:
+    """Return in words what the reading of a target lacks; None if it is complete.
+
+    Raises:
+        ImportFileError: the target has both positions and a deflection.
+    """
     if not states:
         return f"target {target} has no reading"
     present = {state for state, point in states.items() if point.vector is not None}
     if "deflection" in present and len(present) > 1:
-        reason = f"{shown(one.label)}: target {target} has both positions and a deflection"
+        reason = f"{quote(observation.label)}: target {target} has both positions and a deflection"
         remedy = "omit one of them, for instance with `ignore`"
         raise ImportFileError(states["deflection"].place, reason, remedy)
     if present in ({"deflection"}, {"unloaded", "loaded"}):
@@ -429,13 +478,15 @@ def _what_is_missing(one: Gathered, target: str, states: dict[State, Value]) -> 
 
 
 def _check_sigmas(observations: list[Gathered], faults: Faults) -> dict[_Uncertainty, int]:
-    """Return how many points have an uncertainty by their coordinates, and by themselves.
+    """Return the number of points with an uncertainty of each coordinate, and with one of the whole point.
 
-    That only some points have one is a fault; those without a position need none.
+    If some positions have an uncertainty and others have none, that is a fault.
     """
     counts: dict[_Uncertainty, int] = {}
     without: list[Place] = []
-    for quantity, value in ((key, value) for one in observations for key, value in one.values.items()):
+    for quantity, value in (
+        (key, value) for observation in observations for key, value in observation.values.items()
+    ):
         if value.sigma is not None:
             kind: _Uncertainty = "point" if value.by_point else "coordinate"
             counts[kind] = counts.get(kind, 0) + 1
@@ -447,14 +498,16 @@ def _check_sigmas(observations: list[Gathered], faults: Faults) -> dict[_Uncerta
     return dict(sorted(counts.items()))
 
 
-def _unusual_values(observations: list[Gathered]) -> Iterator[str]:
-    """Yield the values that are 100 times their column's spread from its median.
+def _find_unusual_values(observations: list[Gathered]) -> Iterator[str]:
+    """Yield words for each value that is more than 100 spreads away from its column's median.
 
-    The spread is the standard deviation of the nine tenths that are nearest to the median; where these are
-    all alike, their size is used for it.
+    The spread is the standard deviation of the nine tenths of the values that are nearest to the median, or
+    the size of the median if these values are all equal.
     """
     columns: dict[str, list[tuple[float, Place]]] = {}
-    for (kind, target, state), value in (item for one in observations for item in one.values.items()):
+    for (kind, target, state), value in (
+        item for observation in observations for item in observation.values.items()
+    ):
         name = f"{target} {state}" if target else kind
         for axis, number in enumerate(value.vector or ()):
             part = str(axis + 1) if kind == "joint" else "xyz"[axis]

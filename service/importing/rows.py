@@ -17,15 +17,15 @@ from typing import Final, NamedTuple
 
 from jointstiff.schemas.fields import MAX_NAME_LENGTH
 from jointstiff.schemas.imports import ImportOptions, State
-from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, shown
+from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import (
     DIGITS,
     INCH,
     POINTS,
     Kind,
     Quantity,
-    names_a_state,
-    state_named,
+    contains_state_word,
+    find_state,
 )
 from jointstiff.service.importing.grid import Row, read_number
 from jointstiff.service.importing.layout import Layout
@@ -35,9 +35,9 @@ _FIELDS: Final = ("label", "target", "state", "any")
 _POINT: Final[tuple[Kind, ...]] = ("collection", "group", "name")
 """Columns that make the name of a point."""
 _CLEAR: Final = 4
-"""Letters of a word that is no abbreviation."""
+"""Fewest letters of a word that is not an abbreviation."""
 _COVERAGE_FACTOR: Final = 1.96
-"""Of the expanded uncertainties that trackers write, U(95)."""
+"""Coverage factor of the expanded uncertainties U(95) that trackers write."""
 _LEAST: Final = 5e-4
 """Greatest expanded uncertainty that is rounded to 0, in mm: trackers write whole micrometres."""
 _GERMAN: Final = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})[ T,]+(.*)")
@@ -55,28 +55,36 @@ class Naming(NamedTuple):
     target: str | None = None
     state: State | None = None
 
-    def merged(self, other: Naming) -> Naming:
-        """Return the parts that either of two names has."""
-        for kind, one, two in zip(self._fields, self, other, strict=True):
-            if one is not None and two is not None and one != two:
-                reason = f"the {kind} is {shown(one)} in one name and {shown(two)} in another"
+    def merge(self, other: Naming) -> Naming:
+        """Return the parts that this name or the other one has.
+
+        Raises:
+            ImportFileError: the names contradict each other.
+        """
+        for kind, own, others in zip(self._fields, self, other, strict=True):
+            if own is not None and others is not None and own != others:
+                reason = f"the {kind} is {quote(own)} in one name and {quote(others)} in another"
                 remedy = "correct the name of the point or of the file, or `point_name` or `file_name`"
                 raise ImportFileError(NOWHERE, reason, remedy)
         return Naming(self.label or other.label, self.target or other.target, self.state or other.state)
 
 
 class Template:
-    """A template that was checked."""
+    """Checked template of names, such as `{label}_{target}_{state}`."""
 
     def __init__(self, option: str, text: str) -> None:
-        """Check the template that an option gives."""
+        """Check the text of a template and compile its pattern; `option` is the option that has the text.
+
+        Raises:
+            ImportFileError: the template is invalid.
+        """
         self.option, self.text = option, text
-        literals, self._fields = _FIELD.split(text)[::2], _FIELD.findall(text)
+        literals, self._fields = _FIELD.split(text)[::2], _FIELD.findall(text)  # literals are between fields
         named = [field for field in self._fields if field != "any"]
         faulty = not set(self._fields) <= set(_FIELDS) or not named or len(set(named)) != len(named)
         if faulty or any(not literal for literal in literals[1:-1]) or "{" in "".join(literals):
             parts = "{label}, {target}, {state} at most once, {any} for the rest"
-            reason = f"the template {shown(text)} is invalid"
+            reason = f"the template {quote(text)} is invalid"
             remedy = f"in `{option}` use each of {parts}, with a text such as _ between them"
             raise ImportFileError(NOWHERE, reason, remedy, option)
         excluded = "".join({literal[0] for literal in literals if literal})
@@ -84,12 +92,16 @@ class Template:
         self._pattern = re.compile(part.join(re.escape(literal) for literal in literals), re.DOTALL)
 
     def parse(self, name: str, state_words: Mapping[str, State]) -> Naming:
-        """Take a name apart."""
+        """Return the label, target and state in a name; `state_words` are the caller's words for states.
+
+        Raises:
+            ImportFileError: the name does not fit the template.
+        """
         match = self._pattern.fullmatch(name)
         parts = dict(zip(self._fields, match.groups(), strict=True)) if match else {}
-        state = state_named(parts["state"], {**DIGITS, **state_words}) if "state" in parts else None
+        state = find_state(parts["state"], {**DIGITS, **state_words}) if "state" in parts else None
         if match is None or (state is None and "state" in parts):
-            reason = f"the name {shown(name)} does not fit the template {shown(self.text)}"
+            reason = f"the name {quote(name)} does not fit the template {quote(self.text)}"
             what = "point" if self.option == "point_name" else "file"
             words = "states are `unloaded`, `loaded`, `deflection`, and the words in `state_words`"
             remedy = f"change `{self.option}` or rename the {what}; {words}"
@@ -98,22 +110,26 @@ class Template:
 
 
 def check_name(text: str) -> None:
-    """Refuse what no label or target can be."""
+    """Refuse a text that cannot be the name of an observation or a target.
+
+    Raises:
+        ImportFileError: the text is empty, too long, not printable, or has blanks at its ends.
+    """
     if not text.isprintable() or text != text.strip() or not 0 < len(text) <= MAX_NAME_LENGTH:
         remedy = f"give 1 to {MAX_NAME_LENGTH} printable characters, without blanks at the ends"
-        raise ImportFileError(NOWHERE, f"{shown(text)} is not a valid name", remedy)
+        raise ImportFileError(NOWHERE, f"{quote(text)} is not a valid name", remedy)
 
 
 class Names:
-    """Label, target and state of each row: from columns, from the point's name, from the file's name."""
+    """Reader of label, target and state of each row: from columns, the point's name, the file's name."""
 
     def __init__(self, layout: Layout, options: ImportOptions, notes: list[str]) -> None:
-        """Prepare to name rows; what is assumed is added to the notes."""
+        """Prepare to read the names of rows; assumptions are added to `notes`."""
         self._grid, self._notes, self._words = layout.grid, notes, options.state_words
         self._stated = options.state
         self._texts, self._needed = dict(layout.columns.texts), set(layout.columns.needed)
-        self._by_file: dict[frozenset[str], Naming] = {}  # what rows have from the name of the file
-        self._file_says_state = names_a_state(self._grid.stem, self._words)
+        self._by_file: dict[frozenset[str], Naming] = {}  # parts from the file's name, by the missing kinds
+        self._file_says_state = contains_state_word(self._grid.stem, self._words)
         self._point: Template | None = None
         self._file = Naming()
         try:
@@ -122,14 +138,15 @@ class Names:
             if self._needed and options.file_name:
                 self._file = Template("file_name", options.file_name).parse(self._grid.stem, self._words)
         except ImportFileError as fault:
-            raise fault.at(Place(self._grid.file)) from None
+            raise fault.add_place(Place(self._grid.file)) from None
         if layout.columns.probe and "target" in self._texts and layout.rows:
-            self._leave_reflector(layout.rows[0])
+            self._ignore_reflector_column(layout.rows[0])
 
-    def _leave_reflector(self, row: Row) -> None:
-        """Leave the column `target` of a tracker's own table, its reflector, if names say the target.
+    def _ignore_reflector_column(self, row: Row) -> None:
+        """Ignore the column `target` of a tracker's table if names give the targets.
 
-        They are names of points, or that of the file if it says target and state.
+        The column then holds the reflector. The targets are in the names of points, or in the name of the
+        file if that gives target and state.
         """
         column = self._texts.pop("target")
         self._needed.add("target")
@@ -145,30 +162,37 @@ class Names:
             self._texts["target"] = column
             self._needed.remove("target")
 
-    def of(self, row: Row) -> Naming:
-        """Return what names a row; its label is None if nothing names rows."""
+    def name_row(self, row: Row) -> Naming:
+        """Return label, target and state of a row; the label is None if the table has no column of names.
+
+        Raises:
+            ImportFileError: a part is missing, unclear or contradictory.
+        """
         named = "name" in self._texts
         try:
-            naming = self._naming_from_columns(row).merged(self._split_point_name(row)).merged(self._file)
+            naming = self._naming_from_columns(row).merge(self._split_point_name(row)).merge(self._file)
             wanted = (*(("label",) if named else ()), *self._needed)
             lacking = frozenset(kind for kind in wanted if getattr(naming, kind) is None)
             if lacking:
-                naming = naming.merged(self._parts_of_file_name(lacking))
+                naming = naming.merge(self._naming_from_file(lacking))
             if named:
                 check_name(naming.label or "")
         except ImportFileError as fault:
-            raise fault.at(self._grid.place(row, self._texts.get("name"))) from None
+            raise fault.add_place(self._grid.place(row, self._texts.get("name"))) from None
         return naming
 
     def _split_point_name(self, row: Row) -> Naming:
-        """Take the name of a point apart, with its collection and group before it if there are such columns.
+        """Split the name of a point, after its collection and group if the table has these columns.
 
-        Without a template it is split by `::`, else by `_`; the label comes before the target.
+        Without a template, the name is split at `::`, else at `_`; the label comes before the target.
+
+        Raises:
+            ImportFileError: the name does not show label, target and state.
         """
-        parts = [self._text(row, kind) for kind in _POINT if kind in self._texts]
+        parts = [self._read_text(row, kind) for kind in _POINT if kind in self._texts]
         name = "::".join(parts)
         if len(parts) > 1 and any("::" in part for part in parts):
-            raise ImportFileError(NOWHERE, f"the name {shown(name)} contains ::", "rename it")
+            raise ImportFileError(NOWHERE, f"the name {quote(name)} contains ::", "rename it")
         if "name" not in self._texts:
             return Naming()
         if self._point is not None:
@@ -176,27 +200,31 @@ class Names:
         if not self._needed:
             return Naming(label=name)
         most = 2 if "target" in self._needed else 1
+        # The digits 0 and 1 are tried as states only if the name of the file does not give the state.
         for words in (self._words, {**DIGITS, **self._words})[: 1 + (not self._file_says_state)]:
             parts, state = _split_name(name, words)
             if 1 <= len(parts) <= most and (state is None or "state" in self._needed):
                 if words is not self._words:
                     self._note_once("0 and 1 in names were read as `unloaded` and `loaded`")
                 return Naming(parts[0], parts[1] if len(parts) > 1 else None, state)
-        reason = f"the name {shown(name)} does not show which observation, target and state it is"
+        reason = f"the name {quote(name)} does not show which observation, target and state it is"
         remedy = "give a template `point_name`, such as {label}_{target}_{state}"
         raise ImportFileError(NOWHERE, reason, remedy, "point_name")
 
-    def _parts_of_file_name(self, lacking: frozenset[str]) -> Naming:
-        """Return what points of a file have in common, from its name: `P10_loaded`, `loaded` or `P10`.
+    def _naming_from_file(self, lacking: frozenset[str]) -> Naming:
+        """Return target and state of all points of a file from its name: `P10_loaded`, `loaded` or `P10`.
 
-        The state that the caller gives is that of a file whose name has none.
+        If the name has no state, the option `state` gives it. `lacking` are the kinds that are needed.
+
+        Raises:
+            ImportFileError: the file's name does not give a kind that is needed.
         """
         if lacking not in self._by_file:
             parts, state = _split_name(self._grid.stem, self._words)
-            by = "by the name of the file"
+            source = "by the name of the file"
             if state is None and "state" in lacking and self._stated is not None:
                 parts = [self._grid.stem] if "target" in lacking else []
-                state, by = self._stated, "by `state`" + " and the name of the file" * bool(parts)
+                state, source = self._stated, "by `state`" + " and the name of the file" * bool(parts)
             naming = Naming(None, parts[0] if len(parts) == 1 else None, state)
             if len(parts) > 1 or any(getattr(naming, kind) is None for kind in lacking):
                 listed = " and the ".join(sorted(lacking, reverse=True))
@@ -211,11 +239,12 @@ class Names:
                     option,
                 )
             missing = " and ".join(f"{kind} {getattr(naming, kind)}" for kind in sorted(lacking))
-            self._note_once(f"{self._grid.file}: {missing} {by}")
+            self._note_once(f"{self._grid.file}: {missing} {source}")
             self._by_file[lacking] = naming
         return self._by_file[lacking]
 
     def _note_once(self, note: str) -> None:
+        """Add a note for the user, unless it is there already."""
         if note not in self._notes:
             self._notes.append(note)
 
@@ -225,23 +254,29 @@ class Names:
         Raises:
             ImportFileError: a word is no known state.
         """
-        target = self._text(row, "target") if "target" in self._texts else None
+        target = self._read_text(row, "target") if "target" in self._texts else None
         if "state" not in self._texts:
             return Naming(None, target)
-        word = self._text(row, "state")
-        state = state_named(word, {**DIGITS, **self._words})
+        word = self._read_text(row, "state")
+        state = find_state(word, {**DIGITS, **self._words})
         if state is None:
             place = self._grid.place(row, self._texts["state"])
             remedy = "use `unloaded`, `loaded` or `deflection`, or give `state_words`"
-            reason = f"{shown(word)} is not a known state"
+            reason = f"{quote(word)} is not a known state"
             raise ImportFileError(place, reason, remedy, "state_words", (word,))
         return Naming(None, target, state)
 
-    def _text(self, row: Row, kind: Kind) -> str:
+    def _read_text(self, row: Row, kind: Kind) -> str:
+        """Return the text of a row's column of some kind.
+
+        Raises:
+            ImportFileError: the cell is empty, or holds something else than a text or a number.
+        """
         index = self._texts[kind]
         place = self._grid.place(row, index)
         if row.kinds is not None and row.kinds[index] not in ("text", "number"):
-            raise ImportFileError(place, f"{row.kinds[index]} as {kind}", "enter it as text")
+            reason = f"the {kind} is in a cell of type {row.kinds[index]}"
+            raise ImportFileError(place, reason, "enter it as text")
         if not row.cells[index]:
             raise ImportFileError(place, f"the {kind} is empty", "fill it in, in every row")
         return row.cells[index]
@@ -256,11 +291,11 @@ def _split_name(name: str, words: Mapping[str, State]) -> tuple[list[str], State
     parts = name.split("::") if "::" in name else name.split("_")
     if not all(parts):
         return [name], None
-    states = [state_named(part, words) for part in parts]
+    states = [find_state(part, words) for part in parts]
     known = [state for state in states if state is not None]
     if not known and "::" in name:
         ends = [part.rpartition(" ") for part in parts]
-        found = [state_named(end, words) if head and len(end) >= _CLEAR else None for head, _, end in ends]
+        found = [find_state(end, words) if head and len(end) >= _CLEAR else None for head, _, end in ends]
         known = [state for state in found if state is not None]
         if len(known) == 1:
             at = found.index(known[0])
@@ -277,13 +312,13 @@ Vector = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """The numbers of one quantity of an observation."""
+    """Numbers of one quantity of an observation."""
 
-    vector: Vector | None  # in the files' unit; None if the cells are empty
-    place: Place  # where it is
+    vector: Vector | None  # numbers in the files' unit; None if the cells are empty, () if one is faulty
+    place: Place  # place of the first cell
     # standard uncertainty of each coordinate, in the unit of length, if the file has it
     sigma: Vector | None = None
-    by_point: bool = False  # whether it is that of the point, shared by its coordinates
+    by_point: bool = False  # whether sigma was stated for the whole point, not for each coordinate
 
 
 @dataclass(slots=True)
@@ -291,19 +326,19 @@ class Gathered:
     """Values of one observation: those of a row, then of all rows with its label."""
 
     label: str  # its label
-    place: Place  # where it is first spoken of
+    place: Place  # where it is first mentioned
     whole: bool = False  # whether the row claims to be the only one of its observation in this file
     held_out: bool = False  # whether a column says that it is held out from the fit
     values: dict[Quantity, Value] = field(default_factory=dict)  # all of them; of positions, with their state
 
     def vector(self, kind: Kind) -> Vector | None:
-        """Return joint angles, force, moment or load point; None without them."""
+        """Return the numbers of a kind without a target, such as joint angles or force; None without them."""
         value = self.values.get(Quantity(kind))
         return None if value is None else value.vector
 
     @property
     def points(self) -> dict[str, dict[State, Value]]:
-        """Return positions, deflections and readings along an axis by target, then state."""
+        """Positions, deflections and readings along an axis, by target and by state."""
         points: dict[str, dict[State, Value]] = {}
         for quantity, value in self.values.items():
             if quantity.target is not None and quantity.state is not None:
@@ -313,16 +348,16 @@ class Gathered:
 
 @dataclass
 class Surroundings:
-    """When the points of all files were read, and uncertainties that files round to 0."""
+    """Times at which the points of all files were read, and the count of uncertainties rounded to 0."""
 
     times: list[datetime] = field(default_factory=list)
     unclear: list[str] = field(default_factory=list)  # texts that are no times for certain
     rounded: int = 0  # expanded uncertainties of 0
 
     def add_time(self, cells: list[str]) -> None:
-        """Note the time of a row: a cell, or one for the date and one for the time.
+        """Add the time of a row from one cell, or from a cell with the date and a cell with the time.
 
-        It is `2022-11-08 16:17:28` or `8.11.2022 16:17:28`, in UTC if it names no zone.
+        Times are written as `2022-11-08 16:17:28` or `8.11.2022 16:17:28`, and are in UTC without a zone.
         """
         text = " ".join(sorted((cell.strip("' ") for cell in cells), key=lambda part: ":" in part)).strip()
         if not any(map(str.isdigit, text)):
@@ -340,18 +375,18 @@ class Surroundings:
 
     @property
     def measured_at(self) -> datetime | None:
-        """Time of the first reading; None if one of the times is not clear."""
+        """Time of the first reading; None without times, or if one of the times is not understood."""
         return None if self.unclear else min(self.times, default=None)
 
     @property
     def notes(self) -> list[str]:
-        """Account of what was taken from the files, in words."""
+        """Notes for the user on times and rounded uncertainties."""
         notes = []
         if self.measured_at is not None:
             time = self.measured_at.isoformat(" ", "seconds")
             notes.append(f"time of the measurement, of the first reading, UTC if it names no zone: {time}")
         if self.unclear:
-            example = f"such as {shown(self.unclear[0])} ({len(self.unclear)} rows)"
+            example = f"such as {quote(self.unclear[0])} ({len(self.unclear)} rows)"
             notes.append(f"times were not understood and not used, {example}: give them with `measured_at`")
         if self.rounded:
             notes.append(f"U(95) of 0 is rounded to 1 µm, and was read as 0.5 µm ({self.rounded} cells)")
@@ -359,7 +394,7 @@ class Surroundings:
 
 
 class RowReader:
-    """Read the rows of a file by the meanings of its columns."""
+    """Reader of the rows of a file, by the meanings of its columns."""
 
     def __init__(self, layout: Layout, names: Names, surroundings: Surroundings) -> None:
         self._layout, self._names, self._surroundings = layout, names, surroundings
@@ -370,10 +405,10 @@ class RowReader:
         self._least = _LEAST / 1e3 if unit == "m" else _LEAST
         self._targets: set[str] = set()
 
-    def records(self, faults: Faults) -> Iterator[Gathered]:
-        """Yield what each row says; unclear names and cells that do not fit their columns are faults.
+    def read_records(self, faults: Faults) -> Iterator[Gathered]:
+        """Yield the values of each row; unclear names and cells that do not fit their columns are faults.
 
-        Names that are unclear for the same reason are one fault.
+        Names that are unclear for the same reason are reported as one fault.
         """
         unnamed: dict[str, ImportFileError] = {}  # the first of each remedy
         count: Counter[str] = Counter()
@@ -383,33 +418,35 @@ class RowReader:
                 break
             self._surroundings.add_time([row.cells[column] for column in times])
             try:
-                naming = self._names.of(row)
+                naming = self._names.name_row(row)
             except ImportFileError as fault:
                 unnamed.setdefault(fault.remedy, fault)
                 count[fault.remedy] += 1
                 continue
-            with faults.collected():
-                yield self._record(row, naming, naming.label or str(number), faults)
+            with faults.collect():
+                yield self._read_record(row, naming, naming.label or str(number), faults)
         for remedy, first in unnamed.items():
-            if count[remedy] > 1 and first.place.line:  # of the file's name there is one only
+            if count[remedy] > 1 and first.place.line:  # without a line, the fault is in the file's name
                 first.reason += f", and {count[remedy] - 1} other names are not clear either"
             faults.add(first)
 
-    def _record(self, row: Row, naming: Naming, label: str, faults: Faults) -> Gathered:
-        """Read one row; all faults in its cells are reported."""
+    def _read_record(self, row: Row, naming: Naming, label: str, faults: Faults) -> Gathered:
+        """Return the values of one row, under a label; all faults in its cells are reported."""
         whole = self._columns.whole and naming.label is not None
         record = Gathered(label, self._grid.place(row), whole)
         for quantity, indices in self._columns.quantities.items():
             place = self._grid.place(row, indices[0])
             if quantity.kind == "addition" or quantity.kind in _UNCERTAINTIES:
                 continue
-            vector = self._vector(row, indices, faults)
+            vector = self._read_vector(row, indices, faults)
             if quantity.kind in POINTS:
                 if vector is None and quantity.kind == "along":
                     continue  # a gauge reads one direction in a posture, and another in the next
                 point = self._with_target_and_state(quantity, naming, place)
                 vector = self._with_addition(row, quantity, vector, faults)
-                sigma, by_point = self._sigma(row, quantity, point.state, faults) if vector else (None, False)
+                sigma, by_point = (
+                    self._read_sigma(row, quantity, point.state, faults) if vector else (None, False)
+                )
                 record.values[point] = Value(vector, place, sigma, by_point)
             elif vector is None:
                 faults.report(place, f"this row has no {quantity.kind}", "fill in the cells")
@@ -425,55 +462,60 @@ class RowReader:
         return record
 
     def _is_held_out(self, row: Row, faults: Faults) -> bool:
-        """Return whether a column says that a row is held out from the fit."""
+        """Return whether the column `validation` holds a row out from the fit; it may be 0, 1 or empty."""
         index = self._columns.texts.get("validation")
         held = "0" if index is None else row.cells[index].strip() or "0"
         if held not in ("0", "1"):
-            reason = f"{shown(held)} is neither 0 nor 1"
-            faults.report(self._grid.place(row, index), reason, "write 1 to hold it out from the fit")
+            reason = f"{quote(held)} is neither 0 nor 1"
+            remedy = "write 1 to hold the observation out from the fit, else 0"
+            faults.report(self._grid.place(row, index), reason, remedy)
         return held == "1"
 
     def _with_target_and_state(self, quantity: Quantity, naming: Naming, place: Place) -> Quantity:
-        """Return a quantity with target and state, which header or names say."""
+        """Return a quantity with target and state, from its header or else from the row's names.
+
+        Raises:
+            ImportFileError: the target's name is not valid, at the given place.
+        """
         target, state = quantity.target or naming.target, quantity.state or naming.state
-        if target is None or state is None:  # excluded by Names
+        if target is None or state is None:  # cannot happen: `Names` has refused such a row
             raise ImportFileError(place, "the position has no target or no state", "give `point_name`")
         if target not in self._targets:
             try:
                 check_name(target)
             except ImportFileError as fault:
-                raise fault.at(place) from None
+                raise fault.add_place(place) from None
             self._targets.add(target)
         return Quantity(quantity.kind, target, state)
 
     def _with_addition(
         self, row: Row, position: Quantity, vector: Vector | None, faults: Faults
     ) -> Vector | None:
-        """Return a position with the deviation that columns `plus x` add to it, if there are any."""
+        """Return a position plus the deviation in columns such as `plus x`, if the table has such columns."""
         indices = self._columns.quantities.get(position.with_kind("addition"))
         if indices is None or not vector:
             return vector
-        added = self._vector(row, indices, faults)
+        added = self._read_vector(row, indices, faults)
         if added is None:
             place = self._grid.place(row, indices[0])
             faults.report(place, "the deviation to be added is empty", "fill it in")
         return tuple(map(sum, zip(vector, added or (), strict=False)))
 
-    def _sigma(
+    def _read_sigma(
         self, row: Row, position: Quantity, state: State | None, faults: Faults
     ) -> tuple[Vector | None, bool]:
-        """Standard uncertainties of x, y and z, and whether they are the point's, shared by them.
+        """Return standard uncertainties of x, y and z, and whether they come from that of the whole point.
 
-        By U(95) X, Y, Z: U/1.96; only where these are missing by the point's U(95): U/(1.96 √3).
+        They are U/1.96 by the columns U(95) X, Y, Z; only where these are empty, U/(1.96 √3) by the point's
+        U(95). Without an uncertainty, return None and False.
         """
         columns: tuple[int, ...] = ()
         expanded: Vector | None = None
-        for of_kind in (
-            self._columns.quantities.get(position.with_kind(kind), ()) for kind in _UNCERTAINTIES
-        ):
-            columns = columns or of_kind
-            if expanded is None and of_kind:
-                expanded = self._vector(row, of_kind, faults)
+        quantities = self._columns.quantities
+        for indices in (quantities.get(position.with_kind(kind), ()) for kind in _UNCERTAINTIES):
+            columns = columns or indices
+            if expanded is None and indices:
+                expanded = self._read_vector(row, indices, faults)
         if not columns:
             return None, False
         reason = ""
@@ -490,20 +532,25 @@ class RowReader:
         sigma = tuple((value or self._least) / _COVERAGE_FACTOR for value in expanded)
         return sigma if len(sigma) > 1 else (sigma[0] / sqrt(3.0),) * 3, len(sigma) == 1
 
-    def _vector(self, row: Row, indices: tuple[int, ...], faults: Faults) -> Vector | None:
-        """The numbers of some columns; None if all of their cells are empty, () if one is faulty."""
+    def _read_vector(self, row: Row, indices: tuple[int, ...], faults: Faults) -> Vector | None:
+        """Return the numbers of some columns; None if all of their cells are empty, () if one is faulty."""
         if not any(row.cells[index] for index in indices):
             return None
         numbers: list[float] = []
         for index in indices:
-            with faults.collected(self._grid.place(row, index)):
-                numbers.append(self._number(row, index))
+            with faults.collect(self._grid.place(row, index)):
+                numbers.append(self._read_number(row, index))
         return tuple(numbers) if len(numbers) == len(indices) else ()
 
-    def _number(self, row: Row, index: int) -> float:
+    def _read_number(self, row: Row, index: int) -> float:
+        """Return the number of a cell, lengths in inches converted to mm.
+
+        Raises:
+            ImportFileError: the cell does not hold a number.
+        """
         text = row.cells[index]
         if row.kinds is not None and text and row.kinds[index] != "number":
-            reason = f"a number is needed, but the cell has type {row.kinds[index]}: {shown(text)}"
+            reason = f"a number is needed, but the cell has type {row.kinds[index]}: {quote(text)}"
             remedy = "enter a number, and format the cell as a number; replace a formula without a stored "
             raise ImportFileError(self._grid.place(row, index), reason, f"{remedy}value by its value")
         factor = self._length if self._columns.meanings[index].dimension == "length" else 1.0

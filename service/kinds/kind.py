@@ -1,4 +1,4 @@
-"""The declaration of a kind of work. It is light: what computes imports the numerics when it is called."""
+"""The declaration of a kind of work. It imports fast: only computing work imports numerical modules."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from jointstiff.service.tables.table import Area, Chart, Sheet
 
 OPTIONS_BYTES: Final = 64 * 1024
-"""Size of a request that names what is stored."""
+"""Greatest size of a request that has only options and ids of stored resources."""
 READINGS_BYTES: Final = 4 * 1024 * 1024
-"""Size of a request that holds readings."""
+"""Greatest size of a request that has readings."""
 
 MEDIA_TYPES: Final = {"csv": "text/csv", "json": "application/json", "npz": "application/octet-stream"}
-"""Types of files, by the ending of the name."""
+"""Types of files for HTTP, by the ending of the name."""
 Source = Literal["measurement_set", "run", "campaigns", "sets", "robot_or_set", "readings", "files"]
-"""What a request is made of: a campaign, a run of one, one campaign or two, many campaigns, a robot or a
-campaign, files."""
+"""What a verb makes a request of: a campaign; a run or a campaign to identify; one campaign or two; many
+campaigns; a robot or a campaign; a file of readings; files of a program."""
 
 AnyJob = TypeVar("AnyJob", bound=Job)
 AnyRequest = TypeVar("AnyRequest", bound=Message)
@@ -34,7 +34,7 @@ AnyRequest = TypeVar("AnyRequest", bound=Message)
 
 @dataclass(frozen=True)
 class File:
-    """A file that can be downloaded of a job that has succeeded."""
+    """A file that users can download from a job that has succeeded."""
 
     name: str  # last part of its address, such as `table.csv`
     description: str  # what it has, for the API's users
@@ -43,27 +43,27 @@ class File:
 
     @property
     def suffix(self) -> str:
-        """Ending of its name, which says its format."""
+        """Ending of the file's name without the dot, such as `csv`."""
         return self.name.rpartition(".")[2]
 
     @property
     def media_type(self) -> str:
-        """Its type for HTTP."""
+        """Type of the file for HTTP, such as `text/csv`."""
         return MEDIA_TYPES[self.suffix]
 
 
 @dataclass(frozen=True, eq=False)
 class Kind(Generic[AnyJob, AnyRequest]):
-    """A kind of work: its messages, its computation, and what people read of it."""
+    """A kind of work, such as plans: its messages, its computation, its report and its files."""
 
     message: type[AnyJob]  # a stored job, which has the names of the kind
     request: type[AnyRequest]  # a job as it is posted
-    options: type[Message]  # part of the request that people state
+    options: type[Message]  # the fields of the request that users choose
     # return the work of a request; raises a RequestError for one that names what does not exist, or cannot
     # be done
     compute: Callable[[Inputs, AnyRequest], Work]
     report: Callable[[AnyJob, Any, View], Report]  # return what people read of a job and its result
-    sources: tuple[Source, ...]  # that the command line and `import jointstiff` make the rest of, in order
+    sources: tuple[Source, ...]  # what the verb makes the rest of the request of, in order
     title: str  # title of its report
     description: str  # description of the post, for the API's users
     stepped: bool = False  # whether its jobs may take steps, which are left to workers
@@ -72,7 +72,7 @@ class Kind(Generic[AnyJob, AnyRequest]):
     files: tuple[File, ...] = ()  # files that can be downloaded
     reported: bool = True  # whether any such job has a report made of its tables
     is_form: bool = False  # whether it is posted as a form with files, at a route of its own
-    answered: Callable[[str], str] = str  # return a stored document as it is answered
+    answered: Callable[[str], str] = str  # turn a stored document into the one that the API returns
     # return the numbers that reports and `plot` draw, of a result
     charts: Callable[[Any], Sequence[Chart]] = lambda _result: ()
     # return what `plot` draws of the first table of a job, in addition to the charts
@@ -80,17 +80,17 @@ class Kind(Generic[AnyJob, AnyRequest]):
 
     @cached_property
     def name(self) -> str:
-        """Name of one, by which the store knows it; never changes."""
+        """Name of the kind in the store, in the singular, such as `plan`; never changes."""
         return self.message.kind_name()
 
     @cached_property
     def collection(self) -> str:
-        """Name of all, where they are posted."""
+        """Name of the kind's collection, part of the route where requests are posted, such as `plans`."""
         return self.message.collection
 
     @cached_property
     def resource(self) -> Resource:
-        """Both names, for the store."""
+        """Name and collection of the kind, for the store."""
         return Resource(self.name, self.collection)
 
 

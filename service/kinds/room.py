@@ -1,4 +1,4 @@
-"""A kind of work as the command line and `import jointstiff` name it."""
+"""The name of a kind of work in the command line and in `import jointstiff`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, order=True)
 class Room:
-    """Name of a kind for people; the package of each kind states its own, and is found by that."""
+    """Command, place and summary of a kind of work; the package of each kind declares a `ROOM`."""
 
     place: int  # in lists: of commands, routes and documentation
     command: str  # verb, such as `identify`

@@ -1,4 +1,4 @@
-"""The rooms of the kinds of work, found by their packages, in order; nothing else of them is imported."""
+"""The rooms of the kinds of work, found by their packages; the packages' other modules are not imported."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ if TYPE_CHECKING:
     from jointstiff.service.kinds.kind import AnyKind
 
 
-def _found() -> dict[str, Room]:
+def _import_rooms() -> dict[str, Room]:
+    """Return the `ROOM` of each package in this folder, by the package's name, in order of `Room.place`."""
     names = [each.name for each in iter_modules(kinds.__path__) if each.ispkg]
     rooms: dict[str, Room] = {name: import_module(f"{kinds.__name__}.{name}").ROOM for name in names}
     return dict(sorted(rooms.items(), key=lambda item: item[1]))
 
 
-ROOMS: Final[Mapping[str, Room]] = MappingProxyType(_found())
-"""By the name of the kind: that of its package, whose module `kind` declares the kind in capitals."""
+ROOMS: Final[Mapping[str, Room]] = MappingProxyType(_import_rooms())
+"""Rooms by kind. The package of a kind has its name; the package's module `kind` declares it in capitals."""
 
 
 def kind_of(name: str) -> AnyKind:
-    """Return the declaration of a kind; nothing of the others is imported."""
+    """Import and return the declaration of a kind, such as `RUN` for "run"; other kinds are not imported."""
     kind: AnyKind = getattr(import_module(f"{kinds.__name__}.{name}.kind"), name.upper())
     return kind

@@ -1,7 +1,7 @@
-"""Verbs of Python: what the function of a kind of work takes, and the door through which its work is done.
+"""Verbs of Python, such as `identify`: what they share, and the door by which they get their work done.
 
-The `verb` of each kind is a plain function of a door; `Here` (this process) and `Client` (a service) have
-the function as a method.
+The verb of each kind of work is a function whose first argument is a door: `Here` (this process) or `Client`
+(a service). Both have the function as a method.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ if TYPE_CHECKING:
 OnProgress = Callable[[Progress], object]
 Cancel = Callable[[], object]
 SHOWN_AFTER: Final = 2.0
-"""Work of less time shows no bar [s]."""
+"""Time after which a bar of progress is shown [s]."""
 
 
 class Follow:
-    """Follow a job to its end: by the functions of the caller, or by a bar where someone looks."""
+    """Progress and cancellation of a job: functions of the caller, or a bar in a terminal or notebook."""
 
     def __init__(
         self,
@@ -53,12 +53,12 @@ class Follow:
         cancel: Cancel | None = None,
         executor: Executor | None = None,
     ) -> None:
-        """Follow by these; without `on_progress` by a bar, where someone looks and the work takes long.
+        """Keep the caller's functions, and the time as the beginning of the job.
 
         Args:
-            on_progress: called with the progress.
-            cancel: called; true if the caller wants no more.
-            executor: carries out the steps of work in this process; None if they are carried out here.
+            on_progress: called with the progress; None for a bar in a terminal or notebook.
+            cancel: called between steps; a true answer cancels the job.
+            executor: carries out the steps of work; None to carry them out in this process.
         """
         self._on_progress, self._cancel, self.executor = on_progress, cancel, executor
         self._began, self._bar, self._task = time.monotonic(), None, None
@@ -78,19 +78,20 @@ class Follow:
 
     @property
     def cancelled(self) -> bool:
-        """Return whether the caller wants no more."""
+        """Return whether the caller wants the job to be cancelled."""
         return self._cancel is not None and bool(self._cancel())
 
     def __call__(self, progress: Progress) -> None:
-        """Show how far the work is."""
+        """Pass the progress on to the caller's function, or show it as a bar if the work takes long."""
         if self._on_progress is not None:
             self._on_progress(progress)
         elif time.monotonic() - self._began > SHOWN_AFTER and (
-            sys.stderr.isatty() or "ipykernel" in sys.modules  # a person sees it
+            sys.stderr.isatty() or "ipykernel" in sys.modules  # a terminal or a notebook
         ):
             self._show_bar(progress)
 
     def _show_bar(self, progress: Progress) -> None:
+        """Draw the progress in the bar, which is made at the first call."""
         if self._bar is None:
             from jointstiff.service.tables.terminal import new_bar
 
@@ -103,26 +104,32 @@ class Follow:
 
 
 class Door(Protocol):
-    """This process or a service: it knows what requests are made of by ids, and does the work."""
+    """Interface of `Here` (this process) and `Client` (a service), which prepare inputs and do the work."""
 
     def begun(self, follow: Follow) -> Door:
-        """Return the door for one verb, with nothing prepared yet.
+        """Return the door by which one call of a verb is carried out; no inputs are prepared in it yet.
 
         Raises:
-            TypeError: there is an executor, and the door has workers of its own.
+            TypeError: an executor is given to a door that has workers of its own.
         """
 
     def measured(self, source: Source, _place: str = "") -> tuple[str, RunOptions | None]:
-        """Return the id of a campaign's measurement set, and the options of its run if they are known."""
+        """Prepare a campaign; return the id of its measurement set, and its run's options (None if unknown).
+
+        `_place` comes before the place that an error names, such as "first.".
+        """
 
     def identified(self, source: Source, executor: Executor | None = None) -> str:
-        """Return the id of a run, which is identified now from a campaign."""
+        """Prepare a run, and return its id; a campaign is identified now."""
 
     def described(self, robot: RobotDocument) -> str:
-        """Return the id of a robot."""
+        """Prepare a robot, and return its id."""
 
     def run(self, request: RunRequest, follow: Follow, dispensable: bool) -> Run | None:
-        """Identify a measurement set; a dispensable run may fail or be none if it is not supported."""
+        """Identify a measurement set, and return its run.
+
+        A dispensable run whose method the readings do not support is returned as failed, or is None.
+        """
 
     def done(
         self,
@@ -131,20 +138,24 @@ class Door(Protocol):
         files: Mapping[str, bytes],
         follow: Follow,
     ) -> AnyJob:
-        """Do the work of a request, and of files where it takes some; return the job once it has ended."""
+        """Carry out a request, with files by name if the kind takes files; return the ended job."""
 
 
-def stated(message: type[Message], options: Message | None, fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options of a verb as the fields of a request; units and goals in words become messages.
+def merge_options(
+    message: type[Message], options: Message | None, fields: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Merge the options of a verb and its keyword arguments; return them as the fields of a request.
+
+    Units and a goal that are given in words, such as "mm, deg, N", become fields of their messages.
 
     Args:
-        message: that the options are.
-        options: of the verb; None for those by default.
-        fields: that replace options, by name.
+        message: type of the options.
+        options: of the verb; None for the defaults.
+        fields: keyword arguments, which replace options of the same name.
 
     Raises:
-        TypeError: the options are something else.
-        CampaignError: words are no units, or no goal.
+        TypeError: the options are not of this type.
+        CampaignError: the words of units or goal are not understood.
     """
     if not isinstance(options, message | None):
         raise TypeError(f"options must be a {message.__name__}, not a {type(options).__name__}")
@@ -163,7 +174,7 @@ def stated(message: type[Message], options: Message | None, fields: Mapping[str,
 
 
 def describe_fields(verb: Callable[..., object], options: type[Message]) -> None:
-    """Append the descriptions of all options to the docstring of a verb."""
+    """Append a section `Keyword Args`, with the descriptions of all options, to the docstring of a verb."""
     lines = []
     for name, field in options.model_fields.items():
         extra = field.json_schema_extra
@@ -173,6 +184,6 @@ def describe_fields(verb: Callable[..., object], options: type[Message]) -> None
 
 
 def verb_of(kind: str) -> Callable[..., Any]:
-    """Return the verb of a kind: a function of a door."""
+    """Import and return the verb of a kind, a function whose first argument is a door."""
     verb: Callable[..., Any] = getattr(import_module(f"{kinds.__name__}.{kind}.verb"), ROOMS[kind].command)
     return verb

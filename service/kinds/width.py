@@ -1,7 +1,7 @@
-"""Width by executors: calls carried out by any `concurrent.futures.Executor`, and their results in order.
+"""Parallel computation: calls carried out by any `concurrent.futures.Executor`, and their results in order.
 
-An executor of processes or of a cluster gets calls and answers as pickles: what it computes has the same
-bits as here.
+An executor of processes or of a cluster sends calls and answers as pickles: the numbers have the same bits as
+numbers computed in this process.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ if TYPE_CHECKING:
 IN_FLIGHT: Final = 256
 """Calls that an executor has at the same time: enough for a cluster, and few enough for the memory."""
 MOST_WAITING: Final = 1_024
-"""Calls that wait behind one that takes long, those with an answer among them."""
+"""Submitted calls whose answers were not yielded yet, while the first of them takes long."""
 _LOOK_SECONDS: Final = 0.1
-"""Time between two questions whether the caller wants no more."""
+"""Longest time between two checks whether the caller has cancelled the work [s]."""
 _First = TypeVar("_First")
 _Answer = TypeVar("_Answer")
 _Outcome = tuple[_Answer | None, Exception | None]
 
 
 class CancelledWorkError(BaseException):
-    """The caller wants no result."""
+    """The caller has cancelled the work."""
 
 
 def in_order(
@@ -44,27 +44,27 @@ def in_order(
     arguments: Iterable[_First],
     cancelled: Callable[[], object],
 ) -> Generator[_Answer]:
-    """Yield what a function answers for each argument, in order.
+    """Call a function by an executor for each argument, and yield its answers in the order of the arguments.
 
-    At most `IN_FLIGHT` arguments are taken beyond the answers, and up to `MOST_WAITING` while the call whose
-    turn it is takes longer than others. Whatever ends the iteration cancels the calls that have not begun.
+    Up to `IN_FLIGHT` calls are submitted ahead of the last answer, and up to `MOST_WAITING` while the call
+    whose answer comes next takes longer than others. At the end, calls that have not begun are cancelled.
 
     Raises:
-        CancelledWorkError: the caller wants no more.
+        CancelledWorkError: `cancelled` returned true.
         ExecutorError: the executor failed, rather than the function.
-        Exception: what the function raised.
+        Exception: the function raised it.
     """
     calls = _Calls(executor, function, cancelled)
-    left = iter(arguments)
+    remaining = iter(arguments)
     try:
         while True:
-            calls.submit(left, IN_FLIGHT)
+            calls.submit(remaining, IN_FLIGHT)
             if not calls.waiting:
                 return
             while not calls.next_has_ended():
                 calls.wait()
-                calls.submit(left, MOST_WAITING)
-            answer, error = _by_executor(calls.waiting.popleft().result)
+                calls.submit(remaining, MOST_WAITING)
+            answer, error = _call_executor(calls.waiting.popleft().result)
             if error is not None:
                 raise error
             yield answer
@@ -74,23 +74,26 @@ def in_order(
 
 
 class _Calls(Generic[_First, _Answer]):
-    """Calls of an executor that were submitted and not answered to the caller, in order."""
+    """Calls that were submitted to an executor and whose answers were not yielded yet, in order."""
 
     def __init__(
         self, executor: Executor, function: Callable[[_First], _Answer], cancelled: Callable[[], object]
     ) -> None:
         self._executor, self._function, self._cancelled = executor, function, cancelled
         self.waiting: deque[Future[_Outcome[_Answer]]] = deque()
-        self._ended = SimpleQueue[Future[_Outcome[_Answer]]]()  # calls that are counted as open yet
-        self._open = 0
+        self._ended = SimpleQueue[Future[_Outcome[_Answer]]]()  # ended calls that `_open` still counts
+        self._open = 0  # calls that the executor has not ended
 
-    def submit(self, left: Iterator[_First], most: int) -> None:
-        """Keep the executor busy, with so many calls that wait; an answer that is due comes first."""
+    def submit(self, remaining: Iterator[_First], most: int) -> None:
+        """Submit calls for the next arguments, until `most` calls wait or `IN_FLIGHT` calls are open.
+
+        Stop as soon as the next answer is there: taking an argument may be slow, and the answer comes first.
+        """
         while not self._ended.empty():
             self.wait()
         room = min(IN_FLIGHT - self._open, most - len(self.waiting))
-        for argument in islice(left, max(0, room)):
-            call = _by_executor(partial(self._executor.submit, _answer_or_error, self._function, argument))
+        for argument in islice(remaining, max(0, room)):
+            call = _call_executor(partial(self._executor.submit, _answer_or_error, self._function, argument))
             self.waiting.append(call)
             self._open += 1
             call.add_done_callback(self._ended.put)
@@ -98,16 +101,16 @@ class _Calls(Generic[_First, _Answer]):
                 return
 
     def wait(self) -> None:
-        """Wait until some call has ended, or for a moment."""
+        """Wait until any call has ended, but at most `_LOOK_SECONDS`."""
         with suppress(Empty):
             self._ended.get(timeout=_LOOK_SECONDS)
             self._open -= 1
 
     def next_has_ended(self) -> bool:
-        """Return whether the call has ended whose turn it is.
+        """Return whether the first waiting call has ended, the call whose answer is yielded next.
 
         Raises:
-            CancelledWorkError: the caller wants no more; also where the answer is there.
+            CancelledWorkError: the caller has cancelled the work, even if the call has ended.
         """
         if self._cancelled():
             raise CancelledWorkError
@@ -115,40 +118,50 @@ class _Calls(Generic[_First, _Answer]):
 
 
 def _answer_or_error(function: Callable[[_First], _Answer], argument: _First) -> _Outcome[_Answer]:
-    """Return an answer or an error, in another process: what is raised there is the executor's own error."""
+    """Call a function in another process; return its answer and None, or None and its error.
+
+    The error is returned, not raised, so that the executor's own errors can be distinguished from it.
+    """
     try:
         with one_thread():
             return function(argument), None
-    except Exception as error:  # noqa: BLE001 - it is raised where it is wanted
+    except Exception as error:  # noqa: BLE001 - raised by `in_order`
         error.add_note(traceback.format_exc())
         return None, error
 
 
-def _by_executor(call: Callable[[], Any]) -> Any:  # noqa: ANN401 - of the executor
+def _call_executor(call: Callable[[], Any]) -> Any:  # noqa: ANN401 - of the executor
+    """Call a method of the executor and return its answer; raise its errors as an `ExecutorError`."""
     try:
         return call()
     except Exception as error:
         raise ExecutorError(error) from error
 
 
-def computed(
+def compute_steps(
     work: Work, spans: Sequence[Span], executor: Executor | None, cancelled: Callable[[], object]
 ) -> Generator[Arrays]:
-    """Yield what the steps of work compute, in order: here, or by an executor.
+    """Compute the steps of a work, in this process or by an executor, and yield their arrays in order.
+
+    Args:
+        work: whose steps are computed.
+        spans: of units, one for each step.
+        executor: carries out the steps; None to carry them out in this process.
+        cancelled: called between the steps; a true answer ends the computation.
 
     Raises:
-        CancelledWorkError: the caller wants no more.
+        CancelledWorkError: `cancelled` returned true.
         ExecutorError: the executor failed.
-        JointstiffError: as `Work.compute` does.
+        JointstiffError: a step fails, as `Work.compute` says.
     """
     if executor is not None and spans:
-        whole = cache(partial(pickle.dumps, work))
+        pickle_whole = cache(partial(pickle.dumps, work))  # once for all steps
 
-        def task(span: Span) -> tuple[bytes, Span]:
-            part = work.alone(span)
-            return whole() if part is work else pickle.dumps(part), span
+        def make_task(span: Span) -> tuple[bytes, Span]:
+            part = work.detach_for_step(span)
+            return pickle_whole() if part is work else pickle.dumps(part), span
 
-        yield from in_order(executor, _compute, map(task, spans), cancelled)
+        yield from in_order(executor, _compute_task, map(make_task, spans), cancelled)
         return
     for span in spans:
         if cancelled():
@@ -156,13 +169,14 @@ def computed(
         yield work.compute(span)
 
 
-def _compute(task: tuple[bytes, Span]) -> Arrays:
-    content, span = task
-    return _work_of_steps(content).compute(span)
+def _compute_task(task: tuple[bytes, Span]) -> Arrays:
+    """Compute a step in another process, from the pickled work and the step's span; return its arrays."""
+    pickled_work, span = task
+    return _unpickle_work(pickled_work).compute(span)
 
 
 @lru_cache(maxsize=1)
-def _work_of_steps(content: bytes) -> Work:
-    """Return the work of the steps that come one after the other: it keeps what all of them need."""
-    work: Work = pickle.loads(content)  # noqa: S301 - `computed` wrote it
+def _unpickle_work(pickled_work: bytes) -> Work:
+    """Return the work; the last work is cached, because the next step here mostly needs the same work."""
+    work: Work = pickle.loads(pickled_work)  # noqa: S301 - `compute_steps` wrote it
     return work

@@ -1,4 +1,4 @@
-"""The work of a job, done at once or cut into steps, and its execution to a finished job. No store."""
+"""The work of a job, done at once or cut into steps, and its execution to a finished job, without a store."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ import numpy.typing as npt
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Job, JobState, Progress, Provenance
-from jointstiff.service.kinds.width import CancelledWorkError, computed
+from jointstiff.service.kinds.width import CancelledWorkError, compute_steps
 from jointstiff.service.problems import ExecutorError, StoreUnavailableError, http_problem, problem_of
 from jointstiff.service.process import versions
 from jointstiff.solver.errors import InputError, JointstiffError, NotObservableError, RequestError
@@ -30,90 +30,104 @@ if TYPE_CHECKING:
 Span = tuple[int, int]
 """First unit of a job's work, and one past the last."""
 Arrays: TypeAlias = Mapping[str, npt.NDArray[Any]]
-"""What a step computes: arrays by name, which a store can keep."""
+"""Result of a step: arrays by name, which a store can keep."""
 AnyJob = TypeVar("AnyJob", bound=Job)
 OnProgress = Callable[[Progress], object]
 _logger = logging.getLogger(__name__)
 
 
 class Work:
-    """The work of one request, which was checked: a line of units, cut into steps, and what they come to.
+    """Base class: the computation of one checked request, cut into steps of consecutive units.
 
-    Work without steps is done at once, by `conclude` alone.
+    `steps` lists the steps, `compute` carries out one step, and `conclude` makes the job's result of the
+    arrays of all steps. Work without steps is done at once, by `conclude` alone.
     """
 
     input_hash: str  # SHA-256 of data and request; equal inputs have equal hashes in any store
     robot_id: str | None  # id of the stored robot; None if it is not stored
     details: Mapping[str, object] = MappingProxyType({})  # fields of the job beyond those of every job
-    unit = ""  # unit of its progress
-    activity = ""  # name of what makes progress
+    unit = ""  # what progress counts, such as "places"
+    activity = ""  # participle shown with the progress, such as "mapping"
 
     def steps(self) -> Sequence[Span]:
-        """Return all units in order, cut into steps of a fraction of a second; the same for every caller."""
+        """Return the steps as spans of units, in order; a step takes a fraction of a second.
+
+        Every call returns equal spans, so that several workers can share the steps.
+        """
         return ()
 
-    def alone(self, _span: Span) -> Work:
-        """Return the work with what a step needs, for another process."""
+    def detach_for_step(self, _span: Span) -> Work:
+        """Return work that computes this step in another process, without access to the store."""
         return self
 
     def compute(self, span: Span) -> Arrays:
-        """Carry out a step; its numbers do not depend on the worker.
+        """Carry out a step and return its arrays, which do not depend on the worker.
 
         Raises:
-            JointstiffError: the job fails.
+            JointstiffError: the computation fails, and with it the job.
         """
-        raise ValueError(f"there is no step {span}")
+        raise ValueError(f"this work has no step {span}")
 
     def conclude(self, parts: Sequence[Arrays]) -> Message:
-        """Return the result of the job, from those of all steps in order.
+        """Return the result of the job.
+
+        Args:
+            parts: arrays that `compute` returned for all steps, in order; empty for work without steps.
 
         Raises:
-            RequestError: the request is refused rather than stored.
-            JointstiffError: there is no result, and why.
+            RequestError: the request is refused, and the job is not stored.
+            JointstiffError: the computation fails; the error says why.
         """
         raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)
 class QuickWork(Work):
-    """Work that is done at once."""
+    """Work that is done at once, by a function without arguments."""
 
-    result: Callable[[], Message]  # raises as `Work.conclude` does
+    result: Callable[[], Message]  # computes the job's result; raises as `Work.conclude` does
     input_hash: str
     robot_id: str | None
     details: Mapping[str, object] = field(default_factory=dict)
 
-    def conclude(self, parts: Sequence[Arrays]) -> Message:  # noqa: ARG002 - there are none
-        """Return the result."""
+    def conclude(self, parts: Sequence[Arrays]) -> Message:  # noqa: ARG002 - no steps
+        """Compute and return the result; this work has no steps."""
         return self.result()
 
 
-def spans(count: int, size: int) -> tuple[Span, ...]:
-    """Return units in order, cut into steps of a size."""
+def cut_into_spans(count: int, size: int) -> tuple[Span, ...]:
+    """Return the units 0 to `count` − 1, cut into spans of `size` units; the last span may be shorter."""
     return tuple((start, min(start + size, count)) for start in range(0, count, size))
 
 
 def joined(parts: Iterable[Arrays]) -> dict[str, npt.NDArray[Any]]:
-    """Return what all steps computed, in their order; there is at least one."""
+    """Concatenate the arrays of all steps along the first axis, by name; at least one step is needed."""
     listed = list(parts)
     return {name: np.concatenate([part[name] for part in listed]) for name in listed[0]}
 
 
 def pack(arrays: Arrays) -> bytes:
-    """Return what a step computed as the store keeps it."""
+    """Return the arrays of a step as the bytes of an npz file, for the store; `unpack` reads them."""
     buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **arrays)  # random digits: zlib costs more than it saves
+    np.savez(buffer, allow_pickle=False, **arrays)  # not compressed: the digits are as good as random
     return buffer.getvalue()
 
 
 def unpack(content: bytes) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays that `pack` wrote."""
+    """Return the arrays, by name, from bytes that `pack` wrote."""
     with np.load(io.BytesIO(content), allow_pickle=False) as archive:
         return dict(archive)
 
 
 def new_job(message: type[AnyJob], request: Message, work: Work, key: AccessKey | None = None) -> AnyJob:
-    """Return a queued job; without progress if it is carried out at once."""
+    """Return a new job in state `queued`, with a new id; its progress is None if the work has no steps.
+
+    Args:
+        message: type of the job.
+        request: as it was posted.
+        work: of the request.
+        key: access key of the user who posts the job, if any.
+    """
     progress = None
     if steps := work.steps():
         progress = Progress(done=0, total=steps[-1][1], unit=work.unit, activity=work.activity)
@@ -147,14 +161,14 @@ def carry_out(
     cancelled: Callable[[], object] = lambda: False,
     executor: Executor | None = None,
 ) -> AnyJob:
-    """Return a job carried out now; cancelled between two steps if the caller wants no more.
+    """Carry out a queued job now, and return the job in its final state; the given job is not changed.
 
     Args:
         job: to be carried out.
-        work: of its request.
+        work: of the job's request.
         on_progress: called after each step.
-        cancelled: called between the steps.
-        executor: carries out the steps; without it they are carried out here.
+        cancelled: called between the steps; a true answer ends the job in state `cancelled`.
+        executor: carries out the steps; None to carry them out in this process.
 
     Raises:
         RequestError: the request is refused.
@@ -164,8 +178,8 @@ def carry_out(
 
     def compute() -> Message:
         parts, steps = [], work.steps()
-        with closing(computed(work, steps, executor, cancelled)) as computing:
-            for span, part in zip(steps, computing, strict=True):
+        with closing(compute_steps(work, steps, executor, cancelled)) as results:
+            for span, part in zip(steps, results, strict=True):
                 parts.append(part)
                 if on_progress is not None and job.progress is not None:
                     on_progress(job.progress.model_copy(update={"done": span[1]}))
@@ -178,7 +192,7 @@ def carry_out(
     progress = job.progress and job.progress.model_copy(update={"done": job.progress.total})
     times = {
         "started_at": job.provenance.created_at,
-        "ended_at": max(datetime.now(UTC), job.provenance.created_at),
+        "ended_at": max(datetime.now(UTC), job.provenance.created_at),  # the clock may have been set back
     }
     return job.model_copy(
         update={
@@ -194,11 +208,13 @@ def carry_out(
 def outcome_of(
     compute: Callable[[], Message], passed: tuple[type[Exception], ...] = (RequestError,)
 ) -> tuple[Message | None, Problem | None]:
-    """Return a result, or the problem in its place: the one boundary of a job.
+    """Call the computation of a job; return its result and None, or None and the problem of its failure.
+
+    All errors of jobs are caught here and nowhere else.
 
     Args:
         compute: returns the result.
-        passed: errors that are no outcome: the request is refused, or the work is done again elsewhere.
+        passed: errors to raise, not to return: the request is refused, or the work is done again elsewhere.
 
     Raises:
         RequestError: the request is refused.
@@ -215,12 +231,12 @@ def outcome_of(
 
 
 def final_state(error: Problem | None) -> JobState:
-    """Return the state of a job that ends with this error, or none."""
+    """Return the state of a job that ended: `succeeded` without an error, else `failed`."""
     return "succeeded" if error is None else "failed"
 
 
 def unexpected_failure() -> Problem:
-    """Return the problem of a fault in the software."""
+    """Return the problem that is shown for an unexpected exception: status 500, a fault of the software."""
     return http_problem(
         500, "the computation failed with an internal error", "please report this problem, with the data"
     )
@@ -228,13 +244,13 @@ def unexpected_failure() -> Problem:
 
 @contextmanager
 def as_request_errors(section: str | None = None) -> Iterator[None]:
-    """Refuse readings that determine no robot, which are not worth storing.
+    """Turn errors of robot or readings into a `RequestError`: the request is refused, and no job is stored.
 
     Args:
-        section: of the request, to which places in messages refer.
+        section: name of the request's part that is read, put before the place that the error names.
 
     Raises:
-        RequestError: in place of errors of the input.
+        RequestError: in place of an `InputError` or a `NotObservableError`.
     """
     try:
         yield

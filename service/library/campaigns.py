@@ -1,4 +1,4 @@
-"""Campaigns and robots as Python programs have them: arrays, files, names, rows, models of Pinocchio."""
+"""Campaigns as Python programs make them: from arrays, files or messages."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 
 class Campaign(messages.Campaign):
-    """One robot, one measurement set of it, and the options of the run."""
+    """Campaign: a robot, a measurement set of the robot, and the options of a run."""
 
     @classmethod
-    def of(cls, campaign: messages.Campaign) -> Campaign:
-        """Return the same campaign, which can be saved."""
+    def from_message(cls, campaign: messages.Campaign) -> Campaign:
+        """Return a campaign message as an object of this class, which can be saved and checked."""
         return campaign if isinstance(campaign, cls) else cls.model_validate(dict(campaign))
 
     @classmethod
@@ -52,24 +52,25 @@ class Campaign(messages.Campaign):
         run: RunOptions | Mapping[str, Any] | None = None,
         **header: object,
     ) -> Campaign:
-        """Make a campaign of arrays: N observations of a robot with n joints, T targets.
+        """Make a campaign from arrays: N observations of a robot with n joints, T targets.
 
-        Arrays, lists, data frames, and columns of pandas or polars all do. Give `unloaded` and `loaded`
-        positions, or `deflections`; with `directions`, deflections are lengths along them, as of a dial
-        gauge. Unloaded positions alone are for runs with `weight`, which need no force. A target that was
-        not read has NaN.
+        Arrays may be lists, numpy arrays, data frames, or columns of pandas or polars. Give `unloaded` and
+        `loaded` positions, or `deflections`; with `directions`, deflections are lengths along them, as of a
+        dial gauge. Unloaded positions alone are for runs with `weight`, which need no force. A target that
+        was not read is NaN.
 
         Args:
             robot: anything that `jointstiff.robot` takes, such as the name of an arm of the catalogue.
-            joints: (N, n) as the controller shows them.
-            forces: (N, 3), or (3,) for all, on the robot, axes of R0.
-            moments: (N, 3) or (3,), about the load point.
-            load_point: (3,), or (N, 3), where the force acts, flange frame.
-            unloaded: (N, T, 3) positions in R0; (N, 3) of one target; or a dictionary of these by target.
-            loaded: the same under load.
-            deflections: the same, loaded minus unloaded; with `directions` (N, T) lengths. They need the
-                places of the targets.
-            directions: (3,), (T, 3) or (N, T, 3), axes of R0.
+            joints: (N, n) joint values as the controller shows them.
+            forces: (N, 3), or (3,) for all observations: forces on the robot, axes of R0.
+            moments: (N, 3) or (3,): moments about the load point.
+            load_point: (3,) or (N, 3): point where the force acts, flange frame.
+            unloaded: (N, T, 3) positions in R0 without load; (N, 3) of one target; or a dictionary of (N, 3)
+                by target.
+            loaded: positions under load, in the same form as `unloaded`.
+            deflections: loaded minus unloaded positions, in the same form; with `directions` (N, T) lengths.
+                Deflections need the places of the targets.
+            directions: (3,), (T, 3) or (N, T, 3): directions of the lengths, axes of R0.
             targets: names of the targets, or their places (3,) in the flange frame by name.
             labels: (N,) names of the observations; c01, c02, … if absent.
             units: units of all numbers above and of `sigma`, such as "m, rad, N" or "mm, deg, kN, kN.m".
@@ -81,8 +82,8 @@ class Campaign(messages.Campaign):
             header: other fields of a measurement set, such as `frame`, `noise` or `operator`.
 
         Raises:
-            CampaignError: an array does not fit, or a length is that of another unit; its `problem` says
-                which, where and what to do.
+            CampaignError: an array has a wrong shape, or a length seems to be in another unit; its `problem`
+                states the array, the place and the remedy.
         """
         from jointstiff.service.conversion.arrays import ArrayReadings, units_of
 
@@ -117,28 +118,28 @@ class Campaign(messages.Campaign):
         """Read a campaign file.
 
         Raises:
-            CampaignError: it is none.
+            CampaignError: the file is not a campaign.
             OSError: the file cannot be read.
         """
-        return cls.of(campaign_of(path))
+        return cls.from_message(campaign_of(path))
 
     def check(self) -> None:
-        """Find out whether robot and readings fit together.
+        """Check that robot and readings can be used together.
 
         Raises:
-            CampaignError: they do not.
+            CampaignError: robot or readings cannot be used.
         """
         from jointstiff.service.library.here import Here
 
         Here().measured(self)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the campaign file, which all commands and `Client` take."""
+        """Write the campaign to a JSON file, which all commands and `Client` accept."""
         text = self.model_dump_json(indent=1, exclude_none=True, exclude_defaults=True)
         Path(path).write_text(f"{text}\n", encoding="utf-8")
 
     def __repr__(self) -> str:
-        """Return name and size."""
+        """Return name, robot and number of observations in one line."""
         observations = self.measurement_set.observations
         targets = {reading.target for each in observations for reading in each.readings}
         return (
@@ -150,6 +151,6 @@ class Campaign(messages.Campaign):
 
 
 def options_of(run: Run) -> RunOptions:
-    """Return the options of a run as a campaign file has them."""
+    """Return the options of a run in the form of a campaign file: without measurement set and variant."""
     options = run.request.model_dump(exclude={"measurement_set_id", "variant_of"}, exclude_unset=True)
     return RunOptions.model_validate(options)

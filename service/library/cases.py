@@ -1,4 +1,4 @@
-"""Load cases of a prediction: of a CSV file, of messages, of arrays."""
+"""Load cases of a prediction, from a CSV file, messages or arrays."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 AnyPostures = Any
 """CSV file of postures and loads, load cases as in the API, or an array (N, n) of postures."""
 ARRAY_UNITS: Final = "m, deg, N"
-"""Units of arrays of postures and forces, unless others are stated."""
-_TURNS: Final = 4 * pi
-"""Angle that no joint of an arm reaches [rad]."""
+"""Default units of arrays of postures and forces."""
+_MAX_ANGLE: Final = 4 * pi
+"""Two turns: a greater joint angle is taken for one in another unit [rad]."""
 
 
 class PredictFields(TypedDict, total=False):
@@ -41,24 +41,24 @@ class PredictFields(TypedDict, total=False):
     moments: Numbers
 
 
-def load_cases(
+def make_load_cases(
     postures: AnyPostures,
     joints: Mapping[str, JointKind],
     forces: Numbers | None,
     options: Mapping[str, Any],
 ) -> DeflectionOptions:
-    """Return the request of a prediction without its run.
+    """Return the load cases and options of a prediction, as the API takes them, without the id of a run.
 
     Args:
         postures: CSV file, cases, or array (N, n).
-        joints: kinds of the robot's n joints by name, in their order.
-        forces: (N, 3) or (3,), with an array of postures.
-        options: fields of `DeflectionOptions`, and `at`: load point and place in one; of arrays also
-            `moments`.
+        joints: kinds of the robot's n joints (revolute or prismatic) by name, in order.
+        forces: (N, 3), or (3,) for all postures; only with an array of postures.
+        options: fields of `DeflectionOptions`; also `at`, which sets both load point and place; with arrays
+            also `moments`.
 
     Raises:
         RequestError: the table is not understood, or an angle is in another unit.
-        MeasurementError: an array does not fit.
+        MeasurementError: an array has a wrong shape.
         CampaignError: the cases or the options cannot be used.
     """
     from jointstiff.service.conversion.arrays import units_of
@@ -71,22 +71,28 @@ def load_cases(
         fields["units"] = units_of(fields["units"])
     if isinstance(postures, str | PathLike):
         text = Path(postures).read_text(encoding="utf-8-sig", errors="replace")
-        return read_load_cases(text, joints, **_plain_points(fields))
+        return read_load_cases(text, joints, **_convert_points(fields))
     if forces is None and isinstance(postures, Sequence) and isinstance(postures[0], Mapping | Message):
         return parse_document({**fields, "cases": list(postures)}, DeflectionOptions)
     fields.setdefault("units", units_of(ARRAY_UNITS))
-    cases = _cases_of_arrays(postures, forces, fields.pop("moments", None), joints, fields["units"])
+    cases = _cases_from_arrays(postures, forces, fields.pop("moments", None), joints, fields["units"])
     return parse_document({**fields, "cases": cases}, DeflectionOptions)
 
 
-def _cases_of_arrays(
+def _cases_from_arrays(
     postures: AnyPostures,
     forces: object,
     moments: object,
     joints: Mapping[str, JointKind],
     units: Units | Mapping[str, str],
 ) -> list[dict[str, Any]]:
-    """Return a case for each row."""
+    """Return a load case for each row of an array of postures (N, n).
+
+    Forces and moments are (N, 3), or (3,) for all postures; without moments, cases have none.
+
+    Raises:
+        RequestError: forces are missing, or an angle exceeds two turns.
+    """
     from jointstiff.service.conversion.arrays import table_of, vectors_of
     from jointstiff.service.conversion.units import ANGLE
 
@@ -95,29 +101,33 @@ def _cases_of_arrays(
     if forces is None:
         remedy = "give (N, 3) or (3,): predict(run, q, forces=(0, 0, -500), at=(0, 0, 0.12))"
         raise RequestError(
-            "`forces` are missing: postures alone do not bend the arm", where="forces", remedy=remedy
+            "`forces` are missing: without a load, the arm does not deflect", where="forces", remedy=remedy
         )
-    turning = [j for j, kind in enumerate(joints.values()) if kind == "revolute" and j < q.shape[1]]
+    revolute = [j for j, kind in enumerate(joints.values()) if kind == "revolute" and j < q.shape[1]]
     stated = units["angle"] if isinstance(units, Mapping) else units.angle
-    greatest = ANGLE[stated] * max(map(abs, q[:, turning].ravel().tolist()), default=0.0)
-    if greatest > _TURNS:
+    greatest = ANGLE[stated] * max(map(abs, q[:, revolute].ravel().tolist()), default=0.0)
+    if greatest > _MAX_ANGLE:
         raise RequestError(
-            f"a joint angle of {greatest:.4g} rad is no posture of an arm",
+            f"a joint angle of {greatest:.4g} rad exceeds two turns",
             where="postures",
             remedy="state the unit of the angles, such as units='m, deg, N'",
         )
-    load, turn = (
+    force_rows, moment_rows = (
         None if each is None else vectors_of(each, len(q), name).tolist()
         for each, name in ((forces, "forces"), (moments, "moments"))
     )
     return [
-        {"joints": row, "force": (load or [])[i], **({} if turn is None else {"moment": turn[i]})}
+        {
+            "joints": row,
+            "force": (force_rows or [])[i],
+            **({} if moment_rows is None else {"moment": moment_rows[i]}),
+        }
         for i, row in enumerate(q.tolist())
     ]
 
 
-def _plain_points(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Return options whose points are tuples, whatever array they were."""
+def _convert_points(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Return options whose points, of any array type, are converted to tuples of floats."""
     return {
         name: tuple(map(float, value)) if name in {"load_point", "place"} and value is not None else value
         for name, value in fields.items()

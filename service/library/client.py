@@ -31,8 +31,8 @@ from jointstiff.service.kinds.rooms import ROOMS, kind_of
 from jointstiff.service.kinds.verb import Cancel, Follow, OnProgress, verb_of
 from jointstiff.service.library import results
 from jointstiff.service.library.campaigns import Campaign, options_of
-from jointstiff.service.library.cases import AnyPostures, load_cases
-from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun, shown
+from jointstiff.service.library.cases import AnyPostures, make_load_cases
+from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun, presented_class
 from jointstiff.service.library.verbs import Verbs
 from jointstiff.service.problems import AwayError, RefusedError, as_campaign_error, http_problem
 from jointstiff.service.resources.documents import (
@@ -62,11 +62,11 @@ if TYPE_CHECKING:
     from jointstiff.service.library.measure import LiveMeasurement
 
 PATIENCE_SECONDS: Final = 60.0
-"""For a service that answered before and does not now."""
+"""Time for which requests are repeated while a service that answered before does not answer [s]."""
 _FIRST_PAUSE: Final = 0.2
 _LONGEST_PAUSE: Final = 2.0
-_LOOK_SECONDS: Final = 0.2
-_WAIT: Final = MappingProxyType({"wait": "1"})
+_POLL_SECONDS: Final = 0.2
+_WAIT_QUERY: Final = MappingProxyType({"wait": "1"})
 
 Document = Message | Mapping[str, Any]
 Resource = TypeVar("Resource", bound=Message)
@@ -74,25 +74,25 @@ Summary = TypeVar("Summary", bound=Message)
 Value = TypeVar("Value")
 
 
-def plain(document: Document) -> dict[str, Any]:
-    """Return a document as JSON objects, with the fields that were set."""
+def to_json_object(document: Document) -> dict[str, Any]:
+    """Return a document as a dictionary for JSON; of a message only the fields that were set."""
     if isinstance(document, Message):
         return document.model_dump(mode="json", exclude_unset=True)
     return dict(document)
 
 
 class Client(Verbs):
-    """A service, with its resources by kind, such as `client.runs.get(id)`.
+    """Client of a service, with the resources of each kind, such as `client.runs.get(id)`.
 
-    The verbs are those of `import jointstiff`, such as `client.identify("campaign.json")`; where they take a
-    campaign, they take a run or a robot of the service, too.
+    Its methods for work are those of `import jointstiff`, such as `client.identify("campaign.json")`. In
+    place of a campaign they also accept a run or a robot of the service.
 
-    A service that answered once and does not now is restarting, most of the time: requests are repeated until
-    it answers again. Each post carries a key that makes it safe to repeat. Every method raises `RefusedError`
-    if the service refuses or does not answer. Used as a context manager, it closes its connections.
+    If a service answered before and does not answer now, it is probably restarting: requests are repeated
+    until it answers. Each post carries a key that makes it safe to repeat. Every method raises `RefusedError`
+    if the service refuses or does not answer. As a context manager, the client closes its connections.
     """
 
-    # a kind of work has its collection without a line here, which is for editors and mypy
+    # The constructor sets a collection for each kind of work; these lines are for editors and mypy.
     runs: Jobs[TabledRun]
     comparisons: Jobs[Comparison]
     geometries: Jobs[Geometry]
@@ -113,27 +113,29 @@ class Client(Verbs):
         """Make a client.
 
         Args:
-            url: of the service, such as http://127.0.0.1:8000.
-            key: that the service or a proxy before it demands; without it the environment variable
-                JOINTSTIFF_KEY, if there is one.
-            warn: called when the service does not answer and requests are repeated.
-            transport: carries the requests, if not over the network.
-            patience: seconds for which requests are repeated while a service that answered does not.
+            url: address of the service, such as http://127.0.0.1:8000.
+            key: key that the service, or a proxy in front of it, demands; default: the environment variable
+                JOINTSTIFF_KEY, if it is set.
+            warn: function called with a message when the service does not answer and requests are repeated.
+            transport: carries the requests in place of the network.
+            patience: seconds for which requests are repeated while a service that answered before does not.
 
         Raises:
-            RefusedError: there can be no such address, or no such key.
+            RefusedError: the address or the key is not valid.
         """
         if not url.startswith(("http://", "https://")):
             remedy = "write the address with http:// before it, such as http://127.0.0.1:8000"
             raise RefusedError(http_problem(422, f"'{url}' is not the address of a service", remedy))
         key = (os.environ.get("JOINTSTIFF_KEY", "") if key is None else key).strip()
         if not (key.isascii() and key.isprintable()):  # HTTP's own complaint would show the key
-            raise RefusedError(http_problem(401, "the text given is not a key", "copy the whole key"))
+            raise RefusedError(
+                http_problem(401, "the key contains characters that no key has", "copy the whole key")
+            )
         headers = {"Authorization": f"Bearer {key}"} if key else {}
         try:
             self._http = httpx2.Client(base_url=url, headers=headers, timeout=60.0, transport=transport)
         except httpx2.InvalidURL as error:
-            raise RefusedError(_no_answer(url, error)) from error
+            raise RefusedError(_no_answer_problem(url, error)) from error
         self._warn, self._patience = warn, patience
         self._answered = False
         self.robots = Collection(self, "robots", Robot, RobotSummary)
@@ -152,7 +154,7 @@ class Client(Verbs):
         self._http.close()
 
     def ping(self) -> None:
-        """Find out that the service is there; from now on requests are repeated while it is not."""
+        """Check that the service answers; later requests are then repeated while it does not answer."""
         self.send("GET", "/health")
 
     def predict(
@@ -163,12 +165,12 @@ class Client(Verbs):
         forces: Numbers | None = None,
         **options: Unpack[PredictFields],
     ) -> Prediction:
-        """Predict deflections by a run; arguments as of `jointstiff.predict`."""
+        """Predict deflections by a run or a campaign; arguments as of `jointstiff.predict`."""
         run_id = self.identified(run)
         joints = {name: joint.kind for name, joint in self.runs.get(run_id).joints.items()}
         with as_campaign_error("prediction"):
-            request = plain(load_cases(postures, joints, forces, options)) | {"run_id": run_id}
-        return resource_in(self.send("POST", "/v1/deflections", None, request), Prediction)
+            request = to_json_object(make_load_cases(postures, joints, forces, options)) | {"run_id": run_id}
+        return parse_resource(self.send("POST", "/v1/deflections", None, request), Prediction)
 
     def import_files(
         self,
@@ -176,7 +178,7 @@ class Client(Verbs):
         robot: Any = None,  # noqa: ANN401 - as of jointstiff.import_files
         **options: Unpack[ImportFields],
     ) -> ImportAnswer:
-        """Understand files of readings, in this process; arguments as of `jointstiff.import_files`."""
+        """Import files of readings in this process; arguments and result as of `jointstiff.import_files`."""
         from jointstiff.service.library.here import import_files
 
         return import_files(*files, robot=robot, **options)
@@ -189,7 +191,7 @@ class Client(Verbs):
         source: Any = None,  # noqa: ANN401 - as of jointstiff.measure
         **options: Any,  # noqa: ANN401 - of jointstiff.measure
     ) -> LiveMeasurement:
-        """Begin a campaign that this service keeps until it is closed; arguments as of `measure`."""
+        """Begin a live measurement that this service stores; arguments as of `jointstiff.measure`."""
         from jointstiff.service.library.measure import measure
 
         return measure(robot, goal, source, client=self, **options)
@@ -205,7 +207,7 @@ class Client(Verbs):
         executor: Executor | None = None,
         **fields: Unpack[IdentifyFields],
     ) -> TabledRun:
-        """Post a campaign; return its run once it has ended; arguments as of `jointstiff.identify`.
+        """Post a campaign; return its run when the run has ended; arguments as of `jointstiff.identify`.
 
         Raises:
             TypeError: an executor is given: the service has its own workers.
@@ -216,42 +218,43 @@ class Client(Verbs):
                 self, campaign, options, on_progress=on_progress, cancel=cancel, executor=executor, **fields
             )
         with Follow(on_progress, cancel, executor) as follow:
-            self.begun(follow)
+            self.begun(follow)  # refuses an executor
             read = campaign_of(campaign)
-            own = plain(read.run if options is None else options)
+            own = to_json_object(read.run if options is None else options)
             run = {"leave_out": read.run.leave_out, **own, **fields}
-            return self.runs.wait(self.post(plain(read) | {"run": run}), follow)
+            return self.runs.wait(self.post(to_json_object(read) | {"run": run}), follow)
 
     def trend(self, robot: Robot | RobotSummary | str, **filters: str) -> RobotTrend:
-        """Return the trend of a stored robot's joints; filters are those of the API, such as `serial_number`.
+        """Return the trend of a stored robot's joints over its campaigns.
 
         Args:
             robot: stored robot, its summary, or its id.
-            filters: by default those of its latest campaign.
+            filters: filters of the API, such as `serial_number`; default: the values of the latest campaign.
         """
         identifier = robot if isinstance(robot, str) else robot.id
         answer = self.send("GET", f"/v1/robots/{quote(identifier, safe='')}/trend", filters)
-        return resource_in(answer, RobotTrend)
+        return parse_resource(answer, RobotTrend)
 
     def post(self, campaign: AnyCampaign, *, once: bool = False) -> TabledRun:
-        """Post a campaign, whose robot and readings are stored once; return its run after a second at most.
+        """Post a campaign; return its run after at most one second, finished or not.
+
+        Robot and readings whose content is stored already are not stored again.
 
         Args:
             campaign: a file, a document that was read from JSON, or a `Campaign`.
-            once: whether it gets no other run if it was posted so before.
+            once: whether to return the run of an earlier post of the same campaign in place of a new run.
         """
-        document = plain(campaign if isinstance(campaign, Mapping) else campaign_of(campaign))
-        text = json.dumps(
-            json.loads(json_text(document)), sort_keys=True
-        )  # the same content in the same order
+        document = to_json_object(campaign if isinstance(campaign, Mapping) else campaign_of(campaign))
+        # Sorted keys: the same content gives the same text, and so the same idempotency key.
+        text = json.dumps(json.loads(json_text(document)), sort_keys=True)
         key = content_key(text) if once else None
-        return self.runs.found_in(self.send("POST", "/v1/campaigns", _WAIT, text, key))
+        return self.runs.parse_answer(self.send("POST", "/v1/campaigns", _WAIT_QUERY, text, key))
 
     def begun(self, follow: Follow) -> Client:
-        """Return this client, whose service computes by workers of its own.
+        """Return this client, in which a method for work begins, such as `identify`.
 
         Raises:
-            TypeError: there is an executor.
+            TypeError: an executor is given: the service has its own workers.
         """
         if follow.executor is not None:
             raise TypeError(
@@ -261,27 +264,31 @@ class Client(Verbs):
         return self
 
     def measured(self, source: Any, _place: str = "") -> tuple[str, RunOptions | None]:  # noqa: ANN401
-        """Return the id of the measurement set of a stored run, or of a campaign, which is posted once."""
-        source = self._campaign_or_own_run(source)
+        """Return the id of a stored measurement set, and options for its run.
+
+        Args:
+            source: run of this service, or a campaign, which is posted unless it was posted before.
+        """
+        source = self._replace_foreign_run(source)
         if isinstance(source, Run):
             return source.request.measurement_set_id, options_of(source)
         campaign = campaign_of(source)
         return self.post(campaign, once=True).request.measurement_set_id, campaign.run
 
     def identified(self, source: Any, executor: Executor | None = None) -> str:  # noqa: ANN401, ARG002
-        """Return the id of a stored run, or of a campaign, which is posted once and identified."""
-        source = self._campaign_or_own_run(source)
+        """Return the id of a stored run; if `source` is a campaign, post and identify it first."""
+        source = self._replace_foreign_run(source)
         run: Run = source if isinstance(source, Run) else self.identify(source)
         return run.id
 
-    def _campaign_or_own_run(self, source: Any) -> Any:  # noqa: ANN401 - a run, or a campaign
-        """Return a run of this service, or a campaign; of another run its campaign, with its options."""
-        if not isinstance(source, TabledRun) or source.is_of(self):
+    def _replace_foreign_run(self, source: Any) -> Any:  # noqa: ANN401 - a run, or a campaign
+        """Return the source; in place of a run from elsewhere, return its campaign with the run's options."""
+        if not isinstance(source, TabledRun) or source.was_done_by(self):
             return source
         return source.campaign.model_copy(update={"run": options_of(source)})
 
     def campaign_of(self, run: Run) -> Campaign:
-        """Return robot, readings and options of a stored run as a campaign."""
+        """Return the campaign of a stored run: robot and readings from the service, and the run's options."""
         stored = self.measurement_sets.get(run.request.measurement_set_id)
         robot = self.robots.get(stored.robot_id)
         parts = ((robot, RobotDocument), (stored, MeasurementSetDocument))
@@ -298,7 +305,10 @@ class Client(Verbs):
         follow: Follow,
         dispensable: bool,
     ) -> Run | None:
-        """Post a run once; return it once it has ended, None if it is dispensable and not supported."""
+        """Post a request of a run unless it was posted before; return the run when it has ended.
+
+        Return None if the run is `dispensable` and the readings do not support its method.
+        """
         text = request.model_dump_json()
         try:
             return self.runs.wait(self.runs.create(text, key=content_key(text)), follow)
@@ -308,10 +318,10 @@ class Client(Verbs):
             raise
 
     def described(self, robot: RobotDocument | Mapping[str, Any]) -> str:
-        """Return the id of a stored robot, or of a robot, which is posted once, as that of a campaign is."""
+        """Return the id of a stored robot; post another robot first, unless its content is stored already."""
         if isinstance(robot, Robot):
             return robot.id
-        text = parse_document(plain(robot), RobotDocument).model_dump_json()
+        text = parse_document(to_json_object(robot), RobotDocument).model_dump_json()
         return self.robots.create(text, key=content_key(text)).id
 
     def done(
@@ -321,12 +331,12 @@ class Client(Verbs):
         files: Mapping[str, bytes],
         follow: Follow,
     ) -> AnyJob:
-        """Post a request; return the job once it has ended."""
+        """Post a request of a kind of work, with its files by name; return the job when it has ended."""
         jobs: Jobs[AnyJob] = getattr(self, kind.collection)
         return jobs.wait(jobs.create(request, files=files), follow)
 
     def sheet(self, job: Job, file: File) -> Sheet:
-        """Return the table of a file of a job; one that its answer does not hold is downloaded."""
+        """Return the table of a file of a job; download the numbers if the job does not contain them."""
         kind = kind_of(job.kind)
         whole = next((each for each in kind.files if each.suffix == "json"), None)
         if whole is None:
@@ -342,7 +352,9 @@ class Client(Verbs):
     def file(
         self, job: Job, name: str, query: Mapping[str, str] | None = None, laboratory: Path | None = None
     ) -> bytes:
-        """Return a file of a job, such as `model.mjcf`, `report.pdf` or `map.npz`, by the query of the API.
+        """Download a file of a job, such as `model.mjcf`, `report.pdf` or `map.npz`; return its content.
+
+        `query` has the query parameters of the API, such as `accept_verdict`.
 
         Raises:
             RequestError: a laboratory is given: the service has its own.
@@ -355,13 +367,13 @@ class Client(Verbs):
         return content
 
     def apply(self, run: TabledRun, action: str) -> TabledRun:
-        """Apply an action that a reason of a run advises; return the ended run of what it changes."""
+        """Apply an action that a reason of a run advises; return the new run when it has ended."""
         from jointstiff.service.runs.mending import advised
 
         with as_campaign_error(""):
             chosen = advised(cast("Any", run.result).assessment, action)
         address = f"/v1/runs/{quote(run.id, safe='')}/apply"
-        return self.runs.wait(self.runs.found_in(self.send("POST", address, _WAIT, chosen)))
+        return self.runs.wait(self.runs.parse_answer(self.send("POST", address, _WAIT_QUERY, chosen)))
 
     def send(
         self,
@@ -372,17 +384,17 @@ class Client(Verbs):
         key: str | None = None,
         files: Mapping[str, bytes] | None = None,
     ) -> httpx2.Response:
-        """Send a request until it is answered; return the answer.
+        """Send a request, again while a service that answered before does not answer; return the answer.
 
-        A document, or its text, is posted with the key, or with one of its own; with files, as the `options`
-        of a form.
+        A document, or its JSON text, is sent with the idempotency key, by default a random one. With files,
+        the document is sent as the field `options` of a form.
 
         Raises:
-            RefusedError: the service refuses, never answered, or has not for as long as its patience.
+            RefusedError: the service refuses, never answered, or did not answer for `patience` seconds.
         """
         parts: dict[str, Any] = {"params": query}
         if document is not None:
-            content = document if isinstance(document, str) else json_text(plain(document))
+            content = document if isinstance(document, str) else json_text(to_json_object(document))
             parts["headers"] = {"Idempotency-Key": key or uuid4().hex}
             if files:
                 parts |= {"files": [("files", file) for file in files.items()], "data": {"options": content}}
@@ -402,56 +414,62 @@ class Client(Verbs):
             pause = min(2.0 * pause, _LONGEST_PAUSE)
 
     def _send_once(self, verb: str, path: str, parts: dict[str, Any]) -> httpx2.Response:
+        """Send a request once; return the answer.
+
+        Raises:
+            AwayError: the service does not answer, or is not available now.
+            RefusedError: the service refuses, or the answer cannot be decoded.
+        """
         try:
             response = self._http.request(verb, path, **parts)
         except httpx2.DecodingError as error:
-            raise _not_jointstiff("which cannot be decoded") from error
+            raise _foreign_answer_error("it cannot be decoded") from error
         except httpx2.InvalidURL as error:
-            raise RefusedError(_no_answer(self._http.base_url, error)) from error
+            raise RefusedError(_no_answer_problem(self._http.base_url, error)) from error
         except httpx2.TransportError as error:
-            raise AwayError(_no_answer(self._http.base_url, error)) from error
+            raise AwayError(_no_answer_problem(self._http.base_url, error)) from error
         self._answered = True
         if not response.is_success:
             away = response.status_code == httpx2.codes.SERVICE_UNAVAILABLE
-            raise (AwayError if away else RefusedError)(problem_in(response))
+            raise (AwayError if away else RefusedError)(parse_problem(response))
         return response
 
 
 class Collection(Generic[Resource, Summary]):
-    """Resources of one kind."""
+    """Resources of one kind in a service."""
 
     def __init__(self, client: Client, name: str, kind: type[Resource], summary: type[Summary]) -> None:
-        """Reach the resources of this name over a client."""
+        """Begin with a client, the name of the collection in addresses, and the messages of its answers."""
         self._client, self._path, self._kind, self._summary = client, f"/v1/{name}", kind, summary
         self._listed = self._path
 
     def create(
         self, document: Document | str, *, key: str | None = None, files: Mapping[str, bytes] | None = None
     ) -> Resource:
-        """Post a document; return the resource that it became.
+        """Post a document; return the resource that the service created.
 
         Args:
-            document: as the API takes it, or its JSON.
-            key: idempotency key; one of its own if absent.
-            files: contents by name, for the kinds of work that take files.
+            document: document as the API takes it, or its JSON text.
+            key: idempotency key; default: a random one.
+            files: contents of files by name, for kinds of work that take files.
         """
-        return self.found_in(self._client.send("POST", self._path, None, document, key, files))
+        return self.parse_answer(self._client.send("POST", self._path, None, document, key, files))
 
     def get(self, identifier: str) -> Resource:
-        """Return a resource."""
-        return self.found_in(self._client.send("GET", self._address(identifier)))
+        """Return the resource of an id."""
+        return self.parse_answer(self._client.send("GET", self._address(identifier)))
 
     def list(self, **filters: str) -> Iterator[Summary]:
-        """Yield summaries of the resources, newest first; filters are those of the API."""
+        """Yield summaries of the resources, newest first; `filters` are query parameters of the API."""
         query: dict[str, str] | None = filters
         while query is not None:
             answer = self._client.send("GET", self._listed, query)
-            page = resource_in(answer, Page[self._summary])  # type: ignore[name-defined]
+            page = parse_resource(answer, Page[self._summary])  # type: ignore[name-defined]
             yield from page.items
             query = None if page.next is None else filters | {"cursor": page.next}
 
     def change(self, identifier: str, changes: Document) -> None:
-        """Change what may change of a robot or a measurement set: its name and metadata."""
+        """Change the name or the metadata of a robot or a measurement set."""
         self._client.send("PATCH", self._address(identifier), None, changes)
 
     def delete(self, identifier: str) -> None:
@@ -465,39 +483,39 @@ class Collection(Generic[Resource, Summary]):
     def _address(self, identifier: str) -> str:
         return f"{self._listed}/{quote(identifier, safe='')}"
 
-    def found_in(self, answer: httpx2.Response) -> Resource:
-        """Return the resource that an answer holds."""
-        return resource_in(answer, self._kind)
+    def parse_answer(self, answer: httpx2.Response) -> Resource:
+        """Parse the resource in an answer."""
+        return parse_resource(answer, self._kind)
 
 
 class Jobs(Collection[AnyJob, JobSummary]):
-    """Jobs of one kind, which may take long; what they apply, export and report goes over the service."""
+    """Jobs of one kind in a service, which also makes their reports, exports and changed runs."""
 
     def __init__(self, client: Client, kind: Kind[AnyJob, Any]) -> None:
-        """Reach the jobs of a kind over a client."""
-        super().__init__(client, kind.collection, shown(kind), JobSummary)
-        self._listed = "/v1/jobs"  # with those of all kinds
+        """Begin with a client and a kind of work."""
+        super().__init__(client, kind.collection, presented_class(kind), JobSummary)
+        self._listed = "/v1/jobs"  # the service lists jobs of all kinds together
         self._name = kind.name
 
     def create(
         self, document: Document | str, *, key: str | None = None, files: Mapping[str, bytes] | None = None
     ) -> AnyJob:
-        """Post a request; return the job after a second at most; arguments as of other collections."""
-        return self.found_in(self._client.send("POST", self._path, _WAIT, document, key, files))
+        """Post a request; return the job after one second at most; arguments as of `Collection.create`."""
+        return self.parse_answer(self._client.send("POST", self._path, _WAIT_QUERY, document, key, files))
 
     def done(
         self, document: Document, on_progress: OnProgress | None = None, cancel: Cancel | None = None
     ) -> AnyJob:
-        """Post a request, and return the job once it has ended."""
+        """Post a request; return the job when it has ended."""
         with Follow(on_progress, cancel) as follow:
             return self.wait(self.create(document), follow)
 
     def wait(self, job: AnyJob, follow: OnProgress | None = None) -> AnyJob:
-        """Wait for the end of a job; return it as it is then. Ctrl-C cancels it.
+        """Wait for the end of a job; return the ended job. Ctrl-C cancels the job.
 
         Args:
-            job: of the service.
-            follow: called with its progress.
+            job: job of the service.
+            follow: function called with the progress of the job.
         """
         try:
             while job.state in {"queued", "running"}:
@@ -505,7 +523,7 @@ class Jobs(Collection[AnyJob, JobSummary]):
                     follow(job.progress)
                 if isinstance(follow, Follow) and follow.cancelled:
                     self.cancel(job.id)
-                time.sleep(_LOOK_SECONDS)
+                time.sleep(_POLL_SECONDS)
                 job = self.get(job.id)
         except KeyboardInterrupt:
             self.cancel(job.id)
@@ -513,7 +531,7 @@ class Jobs(Collection[AnyJob, JobSummary]):
         return job
 
     def cancel(self, identifier: str) -> None:
-        """Cancel a job; one that has ended stays as it is."""
+        """Cancel a job; a job that has ended does not change."""
         self._client.send("PATCH", self._address(identifier), None, {"cancelled": True})
 
     def files(self, program: Program) -> dict[str, bytes]:
@@ -522,52 +540,58 @@ class Jobs(Collection[AnyJob, JobSummary]):
         return {name: self._client.file(program, "program", {"file": name}) for name in names}
 
     def list(self, **filters: str) -> Iterator[JobSummary]:
-        """Yield summaries of the jobs of the kind, newest first; filters are those of the API."""
+        """Yield summaries of the jobs of this kind, newest first; `filters` are parameters of the API."""
         return super().list(**filters, kind=self._name)
 
-    def found_in(self, answer: httpx2.Response) -> AnyJob:
-        """Return the job that an answer holds, which goes on over the client."""
-        found = resource_in(answer, _Kinded).kind
+    def parse_answer(self, answer: httpx2.Response) -> AnyJob:
+        """Parse the job in an answer, and attach the client for its reports and exports.
+
+        Raises:
+            RefusedError: the answer has no job, or a job of another kind.
+        """
+        found = parse_resource(answer, _KindOfJob).kind
         if found != self._name:
-            reason = f"the job is no {self._name}, but a {found}"
+            reason = f"the job is a {found}, not a {self._name}"
             raise RefusedError(http_problem(404, reason, f"get it as a {found}"))
-        return results.of(super().found_in(answer), self._client)
+        return results.attach_origin(super().parse_answer(answer), self._client)
 
 
-class _Kinded(Message, extra="ignore"):
-    """A job of any kind; only its kind is read."""
+class _KindOfJob(Message, extra="ignore"):
+    """Job of any kind; only the name of its kind is read."""
 
     kind: str
 
 
-def resource_in(response: httpx2.Response, kind: type[Resource]) -> Resource:
-    """Return the resource that an answer holds; it may come from anyone.
+def parse_resource(response: httpx2.Response, kind: type[Resource]) -> Resource:
+    """Parse an answer as a message; unprintable characters are replaced, as any server may have sent it.
 
     Raises:
-        RefusedError: it holds none.
+        RefusedError: the answer is not such a message.
     """
     try:
-        return kind.model_validate(_printable(json.loads(response.content)))
+        return kind.model_validate(_replace_unprintable(json.loads(response.content)))
     except (ValidationError, ValueError, RecursionError) as error:
-        raise _not_jointstiff(f"which is not a {kind.__name__}") from error
+        raise _foreign_answer_error(f"it is not a {kind.__name__}") from error
 
 
-def problem_in(response: httpx2.Response) -> Problem:
-    """Return the problem that an answer holds, or the problem that it holds none."""
+def parse_problem(response: httpx2.Response) -> Problem:
+    """Parse the problem in an answer; without one, return a problem about the foreign answer."""
     try:
-        return resource_in(response, Problem)
+        return parse_resource(response, Problem)
     except RefusedError:
-        return _not_jointstiff(f"status {response.status_code}").problem
+        return _foreign_answer_error(f"it has the status {response.status_code}").problem
 
 
-def _not_jointstiff(what: str) -> RefusedError:
-    reason = f"the answer is not from Jointstiff, {what}"
+def _foreign_answer_error(what: str) -> RefusedError:
+    """Return the error that an answer does not come from Jointstiff; `what` describes the answer."""
+    reason = f"the answer is not from Jointstiff: {what}"
     return RefusedError(
         http_problem(502, reason, "check the address, and that client and service have the same version")
     )
 
 
-def _no_answer(address: object, error: Exception) -> Problem:
+def _no_answer_problem(address: object, error: Exception) -> Problem:
+    """Return the problem (503) that no service answers at an address."""
     return http_problem(
         503,
         f"no answer from {address}: {error}",
@@ -575,33 +599,33 @@ def _no_answer(address: object, error: Exception) -> Problem:
     )
 
 
-def _printable(value: Any) -> Any:  # noqa: ANN401 - any JSON
-    """Return JSON without characters that would steer a terminal."""
+def _replace_unprintable(value: Any) -> Any:  # noqa: ANN401 - any JSON
+    """Return JSON with unprintable characters replaced, which could otherwise control a terminal."""
     if isinstance(value, str):
         return "".join(c if c.isprintable() else "\ufffd" for c in value)
     if isinstance(value, list):
-        return [_printable(item) for item in value]
+        return [_replace_unprintable(item) for item in value]
     if isinstance(value, dict):
-        return {_printable(name): _printable(item) for name, item in value.items()}
+        return {_replace_unprintable(name): _replace_unprintable(item) for name, item in value.items()}
     return value
 
 
 if TYPE_CHECKING:
     Arguments = ParamSpec("Arguments")
 
-    def _awaited(
+    def _as_awaited(
         verb: Callable[Concatenate[Client, Arguments], Value],
     ) -> Callable[Concatenate[AsyncClient, Arguments], Coroutine[Any, Any, Value]]:
-        """Return a method of a client as one that is awaited, for type checkers."""
+        """Return a method of `Client` as a coroutine method, for type checkers."""
 
 
 class AsyncClient:
-    """A service whose verbs and collections are awaited: `run = await client.identify("campaign.json")`.
+    """Client of a service for asyncio: `run = await client.identify("campaign.json")`.
 
-    Its arguments and methods are those of `Client`; `list` of a collection is iterated by `async for`. Where
-    a task is cancelled while it awaits a verb, the job is cancelled in the service, too. `on_progress` is
-    called in another thread. What a result does over the network, such as a report, is awaited by
-    `client.call(run.report, "report.pdf")`.
+    Its arguments and methods are those of `Client`; `list` of a collection is iterated by `async for`. If a
+    task is cancelled while it awaits a method for work, the job in the service is cancelled, too.
+    `on_progress` is called in another thread. Methods of results that use the network, such as a report, are
+    awaited by `client.call(run.report, "report.pdf")`.
     """
 
     def __init__(self, url: str, key: str | None = None, **options: Any) -> None:  # noqa: ANN401 - of Client
@@ -609,15 +633,15 @@ class AsyncClient:
         self._client = Client(url, key, **options)
 
     if TYPE_CHECKING:  # by __getattr__
-        identify = _awaited(Client.identify)
-        compare = _awaited(Client.compare)
-        geometry = _awaited(Client.geometry)
-        plan = _awaited(Client.plan)
-        map = _awaited(Client.map)
-        fleet = _awaited(Client.fleet)
-        compensate = _awaited(Client.compensate)
-        predict = _awaited(Client.predict)
-        import_files = _awaited(Client.import_files)
+        identify = _as_awaited(Client.identify)
+        compare = _as_awaited(Client.compare)
+        geometry = _as_awaited(Client.geometry)
+        plan = _as_awaited(Client.plan)
+        map = _as_awaited(Client.map)
+        fleet = _as_awaited(Client.fleet)
+        compensate = _as_awaited(Client.compensate)
+        predict = _as_awaited(Client.predict)
+        import_files = _as_awaited(Client.import_files)
 
     async def __aenter__(self) -> AsyncClient:
         return self
@@ -631,20 +655,20 @@ class AsyncClient:
         *arguments: Any,  # noqa: ANN401 - of the function
         **options: Any,  # noqa: ANN401 - of the function
     ) -> Value:
-        """Await a function that works over the network."""
+        """Call a function that uses the network in another thread; await and return its value."""
         return await asyncio.to_thread(function, *arguments, **options)
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - of Client
-        """Return a method or a collection of the client, to be awaited."""
+        """Return a method or a collection of `Client` in a form that is awaited."""
         value = getattr(self._client, name)
         if isinstance(value, Collection):
             return _AsyncCollection(value)
         stepped = any(room.command == name for room in ROOMS.values())
-        return _in_thread(value, stepped=stepped) if callable(value) else value
+        return _run_in_thread(value, stepped=stepped) if callable(value) else value
 
 
 class _AsyncCollection:
-    """Resources of one kind, whose methods are awaited."""
+    """Collection of `Client` whose methods are awaited."""
 
     def __init__(self, collection: Collection[Any, Any]) -> None:
         self._collection = collection
@@ -656,13 +680,17 @@ class _AsyncCollection:
             yield summary
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - of the collection
-        return _in_thread(getattr(self._collection, name), stepped=False)
+        return _run_in_thread(getattr(self._collection, name), stepped=False)
 
 
-def _in_thread(function: Callable[..., Any], *, stepped: bool) -> Callable[..., Any]:
-    """Return a function that is awaited; one that takes steps ends if its task is cancelled."""
+def _run_in_thread(function: Callable[..., Any], *, stepped: bool) -> Callable[..., Any]:
+    """Return a coroutine function that calls a function in another thread.
+
+    If `stepped`, the function takes an argument `cancel`, and ends early when its task is cancelled.
+    """
 
     async def call(*arguments: Any, **options: Any) -> Any:  # noqa: ANN401 - of the function
+        # Cancelling the task cannot stop the thread; the event does, which the function checks by `cancel`.
         ended = threading.Event()
         if stepped:
             options.setdefault("cancel", ended.is_set)

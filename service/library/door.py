@@ -71,7 +71,7 @@ _HOMES = {
     "predict": "service.library.here",
     "robot": "service.library.robots",
 }
-"""Modules of the names that are no kinds of work."""
+"""Module of each public name that does not belong to a kind of work."""
 
 __all__ = [
     "AsyncClient",
@@ -108,7 +108,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    """Import a name of this package when it is first used."""
+    """Return a public name of this package, which is imported when it is first used."""
     if name == "__version__":
         return import_module("jointstiff.service.process").jointstiff_version()
     if name in _HOMES:
@@ -124,5 +124,5 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """Return the names of this package, imported or not."""
+    """Return the public names of this package, including those that are not imported yet."""
     return sorted([*__all__, "__version__"])

@@ -1,4 +1,4 @@
-"""Work in this process: what requests are made of is prepared from files, and computed here and now."""
+"""Work in this process: inputs are prepared from files and messages, and jobs are computed at once."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from jointstiff.service.kinds.verb import Follow
 from jointstiff.service.kinds.work import QuickWork, carry_out, new_job
 from jointstiff.service.library import results
 from jointstiff.service.library.campaigns import options_of
-from jointstiff.service.library.cases import AnyPostures, load_cases
-from jointstiff.service.library.results import Prediction, TabledRun, shown
-from jointstiff.service.library.robots import prepared_robot
+from jointstiff.service.library.cases import AnyPostures, make_load_cases
+from jointstiff.service.library.results import Prediction, TabledRun, presented_class
+from jointstiff.service.library.robots import prepare_once
 from jointstiff.service.library.verbs import Verbs
 from jointstiff.service.problems import CampaignError, as_campaign_error, http_problem, problem_of
 from jointstiff.service.process import one_thread
@@ -84,19 +84,21 @@ class ImportFields(TypedDict, total=False):
 
 
 class Here(Verbs):
-    """This process: what requests are made of is prepared from files, and computed here and now."""
+    """Work in this process: prepares inputs from files and messages, and computes jobs at once."""
 
     def __init__(self, campaign: messages.Campaign | None = None) -> None:
-        """Begin without inputs; with the campaign of a run that was identified before."""
+        """Begin without prepared inputs; `campaign` is that of a run which was identified before."""
         self.inputs, self.campaign = FromFile(), campaign
 
-    def begun(self, follow: Follow) -> Here:  # noqa: ARG002 - takes any
-        """Return another one, whose inputs end with the verb's result."""
+    def begun(self, follow: Follow) -> Here:  # noqa: ARG002 - any executor can be used
+        """Return a new object for one call, so that its inputs are freed with the result of the call."""
         return Here()
 
     @one_thread()
     def measured(self, source: Any, place: str = "") -> tuple[str, RunOptions]:  # noqa: ANN401 - campaign or run
-        """Prepare a campaign; return the id of its measurement set, and the options of its run.
+        """Prepare a campaign, or that of a run; return the id of its measurement set, and the run's options.
+
+        `place` is put before the places in errors, such as `campaigns[3].`.
 
         Raises:
             CampaignError: robot or readings cannot be used.
@@ -105,15 +107,15 @@ class Here(Verbs):
             return self.measured(source.campaign)[0], options_of(source)
         self.campaign = campaign = campaign_of(source)
         with as_campaign_error(f"{place}robot"):
-            robot = prepared_robot(campaign.robot)
+            robot = prepare_once(campaign.robot)
         with as_campaign_error(f"{place}measurement_set"):
             return self.inputs.add_set(campaign.measurement_set, robot), campaign.run
 
     def identified(self, source: Any, executor: Executor | None = None) -> str:  # noqa: ANN401 - run or campaign
-        """Prepare a run, which is identified now from a campaign; return its id.
+        """Prepare a run as an input of further work; return its id. A campaign is identified first.
 
         Raises:
-            CampaignError: it has failed, or is not of its campaign by this version.
+            CampaignError: the run has failed, or was not made from its campaign by this version.
         """
         run: TabledRun = source if isinstance(source, TabledRun) else self.identify(source, executor=executor)
         if run.error is not None:
@@ -133,25 +135,27 @@ class Here(Verbs):
         return self.inputs.add_run(run, set_id)
 
     def run(self, request: RunRequest, follow: Follow, dispensable: bool) -> Run:
-        """Identify a measurement set that was prepared; what cannot support the method is a failed run.
+        """Identify a prepared measurement set; return the run.
+
+        If the run is `dispensable` and the readings do not support its method, return a failed run.
 
         Raises:
-            CampaignError: the request cannot be used, or the run is not dispensable.
+            CampaignError: the request cannot be used, or the readings do not support an indispensable run.
         """
         try:
             run: Run = self.done(kind_of("run"), request.model_dump(mode="json"), {}, follow)
         except CampaignError as refused:
             if not dispensable or not refused.problem.type.endswith(":unsupported-method"):
                 raise
-            run = refused_run(Run, request, refused.problem)
+            run = make_failed_run(Run, request, refused.problem)
         self.inputs.add_run(run, request.measurement_set_id)
         return run
 
     @one_thread()
     def described(self, robot: RobotDocument) -> str:
-        """Prepare a robot; return its id."""
+        """Prepare a robot as an input of further work; return its id."""
         with as_campaign_error("robot"):
-            return self.inputs.add_robot(prepared_robot(robot))
+            return self.inputs.add_robot(prepare_once(robot))
 
     @one_thread()
     def done(
@@ -161,7 +165,7 @@ class Here(Verbs):
         files: Mapping[str, bytes],
         follow: Follow,
     ) -> AnyJob:
-        """Do the work of a request; return the job.
+        """Do the work of a request, with its files by name; return the job with its result.
 
         Raises:
             CampaignError: the request cannot be used.
@@ -176,18 +180,18 @@ class Here(Verbs):
         message = parse_document(request, kind.request)
         with as_campaign_error("" if {"readings", "files"} & set(kind.sources) else kind.name):
             work = kind.compute(self.inputs, message)
-            new = new_job(shown(kind), message, work)
+            new = new_job(presented_class(kind), message, work)
             job: AnyJob = carry_out(new, work, follow, lambda: follow.cancelled, follow.executor)
-        return results.of(job, self)
+        return results.attach_origin(job, self)
 
     @one_thread()
     def file(
         self, job: Job, name: str, query: Mapping[str, str] | None = None, laboratory: Path | None = None
     ) -> bytes:
-        """Return a file of a job, as a service would.
+        """Return the content of a file of a job, as a service would; `query` has parameters of the API.
 
         Raises:
-            CampaignError: the file cannot be made, or the run is not to be used.
+            CampaignError: the file cannot be made, or the verdict on the run is `do_not_use`.
         """
         kind, suffix = kind_of(job.kind), name.rpartition(".")[2]
         if name.startswith("report."):
@@ -209,12 +213,12 @@ class Here(Verbs):
 
     @one_thread()
     def sheet(self, job: Job, file: File) -> Sheet:
-        """Return the table of a file of a job; one that the result does not hold is computed again."""
+        """Return the table of a file of a job; compute it again if the result does not contain it."""
         kind = kind_of(job.kind)
         return job_sheet(file, job, lambda: kind.compute(self.inputs, job.request))
 
     def campaign_of(self, _run: Run) -> messages.Campaign | None:
-        """Return the campaign that was prepared; None if there is none."""
+        """Return the campaign that was prepared last; None before the first one."""
         return self.campaign
 
     @one_thread()
@@ -226,17 +230,18 @@ class Here(Verbs):
         forces: Numbers | None = None,
         **options: Unpack[PredictFields],
     ) -> Prediction:
-        """Predict deflections by a run; arguments as of the function below."""
+        """Predict deflections by a run or a campaign; arguments as of `jointstiff.predict`."""
         from jointstiff.service.runs.deflection import predict_by_run
 
         known = self.inputs.run(self.identified(run), "run_id")
         with as_campaign_error("prediction"):
             robot = known.prepared.robot
             kinds = dict(zip(robot.joint_names, robot.joint_kinds, strict=True))
-            request = load_cases(postures, kinds, forces, options)
+            request = make_load_cases(postures, kinds, forces, options)
             return Prediction.model_validate(dict(predict_by_run(robot, known.run, request)))
 
     def _report(self, kind: AnyKind, job: Job, suffix: str, laboratory: Path | None) -> bytes:
+        """Return the report of a job as PDF or HTML, or the calibration certificate of a run as XML."""
         from jointstiff.service.reports.certificate import certificate
         from jointstiff.service.reports.job import job_document
         from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
@@ -252,7 +257,7 @@ class Here(Verbs):
             document = run_document(subject)
         elif suffix == "xml":
             with as_campaign_error(""):
-                reason = f"a {kind.name} has no certificate: runs have"
+                reason = f"a {kind.name} has no certificate: only a run has one"
                 raise RequestError(reason, where="output", remedy="write it as .pdf or .html")
         else:
             document = job_document(kind, job, job.model_dump_json(), settings)
@@ -261,7 +266,7 @@ class Here(Verbs):
 
     @one_thread()
     def apply(self, run: TabledRun, action: str) -> TabledRun:
-        """Apply an action that a reason of a run advises, and identify what it changes.
+        """Apply an action that a reason of a run advises; identify the changed campaign and return its run.
 
         Raises:
             CampaignError: no reason advises the action, or it cannot be applied to this campaign.
@@ -274,14 +279,15 @@ class Here(Verbs):
         return self.identify(campaign)
 
 
-def refused_run(message: type[ARun], request: RunRequest, problem: Problem) -> ARun:
-    """Return a run in state failed, of readings that cannot be used or do not support its options."""
+def make_failed_run(message: type[ARun], request: RunRequest, problem: Problem) -> ARun:
+    """Return a run in state `failed` with the problem for which it cannot be computed."""
     nothing = QuickWork(lambda: request, input_hash="", robot_id=None)
     failed = {"state": "failed", "error": problem}
     return new_job(message, request, nothing).model_copy(update=failed)
 
 
 def _model_to_export(run: Job) -> ExportedModel:
+    """Return the identified model of a run with its robot, for reports and model files."""
     from jointstiff.service.reports.exports import ExportedModel
 
     here = Here()
@@ -300,13 +306,13 @@ def read_job(path: Path) -> Job | None:
         except CampaignError:
             continue
         if kind.reported and job.result is not None:
-            return results.of(job, Here())
+            return results.attach_origin(job, Here())
     return None
 
 
-def run_of(run: Run, campaign: messages.Campaign) -> TabledRun:
-    """Return a run that knows its campaign, such as one that `identify --json` printed."""
-    return cast("TabledRun", results.of(run, Here(campaign)))
+def attach_campaign(run: Run, campaign: messages.Campaign) -> TabledRun:
+    """Return a run with a reference to its campaign; for runs read from a file of `identify --json`."""
+    return cast("TabledRun", results.attach_origin(run, Here(campaign)))
 
 
 def predict(
@@ -319,14 +325,14 @@ def predict(
     """Predict deflections and compliance in given postures, under given loads.
 
     Args:
-        run: what `identify` returned, or a campaign, which is identified now.
+        run: run that `identify` returned, or a campaign, which is identified first.
         postures: CSV file of postures and loads, with units in the headers; load cases as in the API; or an
-            array (N, n) of postures, as the controller shows them.
-        forces: (N, 3) or (3,), axes of R0, with an array of postures.
+            array (N, n) of joint values, as the controller shows them.
+        forces: (N, 3), or (3,) for all postures, axes of R0; only with an array of postures.
         options: fields of `DeflectionOptions`; also `at`, the point in the flange frame where the force acts
             and whose deflection is predicted, and with arrays `moments` (N, 3) or (3,). Arrays and their
-            points are in m, deg and N unless `units` says otherwise, such as "mm, deg, N"; of files and
-            cases SI units are the default.
+            points are in m, deg and N unless `units` states others, such as "mm, deg, N"; the default for
+            files and cases is SI units.
 
     Raises:
         CampaignError: run, table or array cannot be used.
@@ -340,16 +346,16 @@ def import_files(
     robot: Any = None,  # noqa: ANN401 - as of a campaign
     **options: Unpack[ImportFields],
 ) -> ImportAnswer:
-    """Understand files of readings, as `jointstiff import` does.
+    """Import files of readings, as the command `jointstiff import` does.
 
     Args:
         files: tables, lists of points, and a table of masses, text or Excel.
-        robot: that was measured, as in a campaign, or its file: then the answer has the findings, and
-            unloaded positions of a robot with masses make a set for its own weight.
+        robot: measured robot, as in a campaign, or its file. With a robot, the answer has the findings of the
+            integrity checks, and unloaded positions of a robot with masses make a set for its own weight.
         options: fields of `ImportRequest`, such as `columns={"A1": "J1 [deg]"}`.
 
     Returns:
-        The preview, and the measurement set, or the unloaded poses, that the files make.
+        The preview of the files, and the measurement set or the unloaded poses that were read from them.
 
     Raises:
         CampaignError: a file or an option was not understood.

@@ -20,7 +20,7 @@ from jointstiff.schemas.run import Campaign, Run, RunRequest
 from jointstiff.service.kinds.verb import Cancel, Follow, OnProgress
 from jointstiff.service.kinds.width import CancelledWorkError, in_order
 from jointstiff.service.library.campaigns import options_of
-from jointstiff.service.library.here import Here, refused_run
+from jointstiff.service.library.here import Here, make_failed_run
 from jointstiff.service.library.results import TabledRun
 from jointstiff.service.problems import CampaignError, http_problem
 from jointstiff.service.resources.documents import (
@@ -52,21 +52,22 @@ def identify_many(
     Args:
         campaigns: files, documents that were read from JSON, `Campaign` objects, or runs. An iterator is
             read as the work goes on: 256 campaigns beyond the runs so far, up to 1,024 behind a slow one.
-        options: of every run; the options below replace its fields. Without them each campaign has its own.
-        executor: identifies whole campaigns, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
+        options: options of every run; `fields` replace single ones. Default: those of each campaign.
+        executor: computes whole campaigns, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
             client's `get_executor()`; the numbers have the same bits.
         on_progress: called with the number of identified campaigns; default: a bar in a terminal or a
-            notebook, if it takes more than 2 s. The total of an iterator is what was read of it so far.
+            notebook, if the work takes more than 2 s. For an iterator, the total is the number of campaigns
+            read so far.
         cancel: called between campaigns, such as `threading.Event().is_set`; if true, the iteration ends.
         fields: options of every run, as of `jointstiff.identify`.
 
     Returns:
-        The runs, in the order of the campaigns, as soon as they are there. A campaign that cannot be
-        identified or used gives a run in state `failed`; the `error` of one that cannot be used begins with
-        its place, such as `campaigns[3]`, or the name of its file.
+        Iterator over the runs, in the order of the campaigns, each as soon as it has ended. A campaign that
+        cannot be identified or used gives a run in state `failed`. If it cannot be used, `where` of the run's
+        `error` begins with the campaign's place, such as `campaigns[3]`, or the name of its file.
 
     Raises:
-        TypeError: there is no such option, or one campaign is given in place of several.
+        TypeError: an option does not exist, or one campaign is given in place of several.
         ExecutorError: the executor failed.
     """
     if isinstance(campaigns, str | bytes | PathLike | Mapping | Campaign | TabledRun):
@@ -76,12 +77,12 @@ def identify_many(
             f"identify_many() has no option '{unknown[0]}'; `help(jointstiff.identify)` lists them"
         )
     follow = partial(Follow, on_progress, cancel)
-    return _runs(campaigns, _Shared(options, cast("dict[str, Any]", fields)), follow, executor)
+    return _identify_all(campaigns, _SharedOptions(options, cast("dict[str, Any]", fields)), follow, executor)
 
 
 @dataclass(frozen=True)
-class _Shared:
-    """Options of all runs."""
+class _SharedOptions:
+    """Options that all runs share: `fields` replace those of `options`."""
 
     options: RunOptions | None
     fields: dict[str, Any]
@@ -89,49 +90,59 @@ class _Shared:
 
 @dataclass(frozen=True)
 class _Task:
-    """A campaign as it goes to another process, which parses it: what it needs is in memory."""
+    """Campaign to identify, in a form that can be sent to another process, which parses the content."""
 
     name: str  # of the campaign, for messages
     content: bytes | Campaign | Problem  # JSON, what was read from it, or why it cannot be read
     path: Path | None  # of its file, if there is one
-    shared: _Shared
+    shared: _SharedOptions
 
 
-def _runs(
+def _identify_all(
     campaigns: Iterable[AnyCampaign | TabledRun],
-    shared: _Shared,
-    followed: Callable[[], Follow],
+    shared: _SharedOptions,
+    make_follow: Callable[[], Follow],
     executor: Executor | None,
 ) -> Iterator[TabledRun]:
+    """Yield the runs of campaigns in order; show the progress after each run.
+
+    Campaigns are read as the work goes on; `sources` keeps those that are read and not identified yet.
+    """
     sources: deque[Any] = deque()  # campaigns in flight, the first one first
 
     def tasks() -> Iterator[_Task]:
         for number, source in enumerate(campaigns):
             sources.append(source)
-            yield _task(number, source, shared)
+            yield _make_task(number, source, shared)
 
-    with followed() as follow:
+    with make_follow() as follow:
         runs = (
-            _one_by_one(tasks(), follow)
+            _identify_one_by_one(tasks(), follow)
             if executor is None
-            else _by_executor(executor, tasks(), lambda: follow.cancelled)
+            else _identify_by_executor(executor, tasks(), lambda: follow.cancelled)
         )
         with closing(runs), suppress(CancelledWorkError):
             for done, run in enumerate(runs, 1):
-                run._origin = _Later(sources.popleft())
+                run._origin = _HereWithLateCampaign(sources.popleft())
                 total = len(campaigns) if isinstance(campaigns, Sized) else done + len(sources)
                 follow(Progress(done=done, total=total, unit="campaigns", activity="identifying"))
                 yield run
 
 
-def _by_executor(
+def _identify_by_executor(
     executor: Executor, tasks: Iterable[_Task], cancelled: Callable[[], bool]
 ) -> Generator[TabledRun]:
+    """Yield the runs of tasks, computed by an executor, in the order of the tasks."""
     with closing(in_order(executor, _identify_as_json, tasks, cancelled)) as answers:
         yield from map(TabledRun.model_validate_json, answers)
 
 
-def _one_by_one(tasks: Iterable[_Task], follow: Follow) -> Generator[TabledRun]:
+def _identify_one_by_one(tasks: Iterable[_Task], follow: Follow) -> Generator[TabledRun]:
+    """Yield the runs of tasks, computed in this process.
+
+    Raises:
+        CancelledWorkError: the user has cancelled the work.
+    """
     for task in tasks:
         if follow.cancelled:
             raise CancelledWorkError
@@ -141,7 +152,8 @@ def _one_by_one(tasks: Iterable[_Task], follow: Follow) -> Generator[TabledRun]:
         yield run
 
 
-def _task(number: int, source: Any, shared: _Shared) -> _Task:  # noqa: ANN401 - a campaign or a run
+def _make_task(number: int, source: Any, shared: _SharedOptions) -> _Task:  # noqa: ANN401 - a campaign or a run
+    """Return the task of a campaign; a campaign that cannot be read becomes a task with the problem."""
     name, path = f"campaigns[{number}]", None
     content: bytes | Campaign | Problem
     try:
@@ -158,7 +170,7 @@ def _task(number: int, source: Any, shared: _Shared) -> _Task:  # noqa: ANN401 -
     except CampaignError as error:
         content = error.problem
     except TypeError:
-        reason = f"a {type(source).__name__} is no campaign"
+        reason = f"a {type(source).__name__} cannot be read as a campaign"
         content = http_problem(422, reason, "give a file, a document, a `Campaign` or a run")
     except OSError as error:
         reason = f"{path} cannot be read: {error.strerror}"
@@ -167,29 +179,34 @@ def _task(number: int, source: Any, shared: _Shared) -> _Task:  # noqa: ANN401 -
 
 
 def _identify_campaign(task: _Task, follow: Follow | None = None) -> TabledRun:
-    """Identify a campaign; one that cannot be used is a failed run, whose error names it."""
+    """Identify a campaign; return its run, in state `failed` if the campaign cannot be used."""
     shared = task.shared
     try:
         run: TabledRun = Here().identify(
-            _campaign(task),
+            _campaign_of_task(task),
             options=shared.options,
-            on_progress=_silently,  # one bar shows all campaigns
+            on_progress=_ignore_progress,  # one bar shows all campaigns
             cancel=None if follow is None else lambda: follow.cancelled,
             **shared.fields,
         )
     except CampaignError as error:
         request = RunRequest(measurement_set_id=uuid4().hex)
-        run = refused_run(TabledRun, request, _problem_of_campaign(error.problem, task))
-    run._origin = None  # it holds the prepared readings, which are not sent back
+        run = make_failed_run(TabledRun, request, _name_campaign_in_problem(error.problem, task))
+    run._origin = None  # the origin holds the prepared readings, which would be costly to send back
     return run
 
 
 def _identify_as_json(task: _Task) -> str:
-    """Identify a campaign; return the run as JSON, which is read in a quarter of the time of a pickle."""
+    """Identify a campaign; return its run as JSON, which the caller reads four times as fast as a pickle."""
     return _identify_campaign(task).model_dump_json()
 
 
-def _campaign(task: _Task) -> Campaign:
+def _campaign_of_task(task: _Task) -> Campaign:
+    """Return the campaign of a task, parsed if it is JSON.
+
+    Raises:
+        CampaignError: the campaign cannot be read.
+    """
     if isinstance(task.content, Problem):
         raise CampaignError(task.content)
     if isinstance(task.content, Campaign):
@@ -197,28 +214,28 @@ def _campaign(task: _Task) -> Campaign:
     return parse_content(task.content, Campaign, task.path)
 
 
-def _silently(_: Progress) -> None:
-    """Show nothing."""
+def _ignore_progress(_: Progress) -> None:
+    """Show no progress of a single run: a bar shows that of all campaigns."""
 
 
-def _problem_of_campaign(problem: Problem, task: _Task) -> Problem:
-    """Return a problem whose place begins with the name of the campaign."""
+def _name_campaign_in_problem(problem: Problem, task: _Task) -> Problem:
+    """Return a problem whose place `where` begins with the name of the task's campaign."""
     where = problem.where or ""
     if not where.startswith(task.name):
         where = f"{task.name}{': ' if task.path else '.'}{where}" if where else task.name
     return problem.model_copy(update={"where": where})
 
 
-class _Later(Here):
-    """This process, which reads the campaign of a run again once it is wanted."""
+class _HereWithLateCampaign(Here):
+    """Origin of a run that reads the run's campaign again from its source when it is needed."""
 
     def __init__(self, source: Any) -> None:  # noqa: ANN401 - a campaign or a run
         super().__init__()
         self._source = source
 
     def campaign_of(self, _run: Run) -> Campaign:
-        """Return the campaign."""
+        """Return the campaign of the run, read from its source at the first call."""
         if self.campaign is None:
-            again = self._source.campaign if isinstance(self._source, TabledRun) else self._source
-            self.campaign = campaign_of(again)
+            source = self._source.campaign if isinstance(self._source, TabledRun) else self._source
+            self.campaign = campaign_of(source)
         return self.campaign

@@ -57,49 +57,55 @@ if TYPE_CHECKING:
     from jointstiff.service.library.results import TabledRun
 
 T = TypeVar("T")
-_SIGMA: Final = 2e-5
-"""Noise of a simulated tracker where none is stated [m]."""
-_AGAIN: Final = "doubtful; read again"
-_SHOWN: Final = "a mistake, as later readings show"
-_PLAIN: Final = {"area": "work_area"}
-"""Shorter names of options."""
+_SIMULATED_SIGMA: Final = 2e-5
+"""Standard deviation of a simulated tracker where the campaign states no noise [m]."""
+_READ_AGAIN: Final = "doubtful; read again"
+_SHOWN_LATER: Final = "a mistake, as later readings show"
+_SHORT_NAMES: Final = {"area": "work_area"}
+"""Full name of each option that has a shorter one."""
 
 
 class Person:
-    """The person at the robot: asked before readings, when one is doubtful, and when there is none.
+    """Person at the robot, who decides before readings, about doubtful readings, and when a source fails.
 
-    This one is nobody: it goes on, reads a doubtful posture again once and then keeps it, withdraws one
-    earlier mistake and keeps others, and asks a source that failed once more.
+    This base class decides without a person: it reads on, reads a doubtful posture once more and then keeps
+    the reading, withdraws the first earlier mistake and keeps later ones, and retries a failed source once.
     """
 
     def confirms(self, profile: str) -> bool:  # noqa: ARG002 - others read it
-        """Return whether the readings of a source are understood so."""
+        """Return whether a text, `profile`, describes correctly how the lines of a source are read."""
         return True
 
     def ready(self, following: PlannedReading, *, loaded: bool) -> Literal["read", "skip", "stop"]:  # noqa: ARG002
-        """Return what to do once the arm is in a posture, with or without its load."""
+        """Wait until the arm is in the next posture, with or without load; return what to do then."""
         return "read"
 
     def on_reading(self, state: LiveState, reading: LiveReading) -> None:
-        """Hear what a reading says."""
+        """Show a reading and the state after it; this base class shows nothing."""
 
     def doubts(self, reading: LiveReading, *, again: bool) -> Literal["again", "keep"]:  # noqa: ARG002
-        """Return what becomes of a doubtful reading, read again already or not."""
+        """Return whether to read a doubtful reading again or keep it; `again`: it was read again before."""
         return "keep" if again else "again"
 
     def doubts_earlier(self, reading: LiveReading, *, again: bool) -> Literal["withdraw", "keep"]:  # noqa: ARG002
-        """Return what becomes of an earlier reading that is a mistake by now, the first such one or not."""
+        """Return whether to withdraw or keep an earlier reading that later readings show to be a mistake.
+
+        `again`: another reading was withdrawn for this reason before.
+        """
         return "keep" if again else "withdraw"
 
     def missed(self, error: Exception, *, again: bool) -> Literal["again", "skip", "stop"]:
-        """Return what to do where a source has no reading; nobody lets a second failure pass."""
+        """Return what to do after a source gave no reading; `again`: it failed before for this reading.
+
+        This base class tries once more, and then raises the error.
+        """
         if again:
             raise error
         return "again"
 
 
-class _Here:
-    """An open set in this process."""
+class _SetInProcess:
+    """Measurement set that is measured live, kept in this process."""
 
     def __init__(self, robot: PreparedRobot, post: MeasurementSetPost, run: RunOptions) -> None:
         self._document, self._run = robot.document, run
@@ -107,23 +113,27 @@ class _Here:
             resolved = own_frame(post)
         with as_campaign_error(""):
             self._campaign = LiveCampaign(Declared(robot.robot, post, resolved))
-            _ = self._campaign.declared.ahead  # refuses what cannot be measured
+            _ = self._campaign.declared.ahead  # computed now to raise an error for what cannot be measured
 
     def state(self) -> LiveState:
+        """Return the results of the readings so far, and the next reading."""
         return self._campaign.state()
 
     def observe(self, observation: Observation) -> LiveState:
+        """Add a reading; return the new state."""
         with as_campaign_error(""):
             self._campaign = self._campaign.with_entry(self._campaign.judged(observation))
         return self.state()
 
     def change(self, change: SetChange) -> LiveState:
+        """Withdraw or keep readings, or skip a posture; return the new state."""
         with as_campaign_error(""):
             for entry in self._campaign.entries_of(change):
                 self._campaign = self._campaign.with_entry(entry)
         return self.state()
 
     def close(self) -> tuple[TabledRun, LiveState]:
+        """Close the set and identify its readings; return the run and the last state."""
         from jointstiff.service.library.here import Here
 
         with as_campaign_error(""):
@@ -139,8 +149,8 @@ class _Here:
         return Here().identify(campaign), self.state()
 
 
-class _There:
-    """An open set of a service."""
+class _SetInService:
+    """Measurement set that is measured live, kept by a service."""
 
     def __init__(self, client: Client, robot: RobotDocument, post: MeasurementSetPost) -> None:
         self._client = client
@@ -150,30 +160,35 @@ class _There:
         self.id = str(json.loads(answer.content)["id"])
         self._path = f"/v1/measurement-sets/{quote(self.id, safe='')}"
 
-    def _state_in(self, verb: str, path: str, document: Message | str | None = None) -> LiveState:
-        from jointstiff.service.library.client import resource_in
+    def _request_state(self, verb: str, path: str, document: Message | str | None = None) -> LiveState:
+        """Send a request about the set to the service; return the state in its answer."""
+        from jointstiff.service.library.client import parse_resource
 
         answer = self._client.send(verb, f"{self._path}{path}", None, document)
-        return resource_in(answer, LiveState)
+        return parse_resource(answer, LiveState)
 
     def state(self) -> LiveState:
-        return self._state_in("GET", "/next")
+        """Return the results of the readings so far, and the next reading."""
+        return self._request_state("GET", "/next")
 
     def observe(self, observation: Observation) -> LiveState:
-        return self._state_in("POST", "/observations", observation)
+        """Add a reading; return the new state."""
+        return self._request_state("POST", "/observations", observation)
 
     def change(self, change: SetChange) -> LiveState:
+        """Withdraw or keep readings, or skip a posture; return the new state."""
         self._client.send("PATCH", self._path, None, change)
         return self.state()
 
     def close(self) -> tuple[TabledRun, LiveState]:
-        state = self._state_in("POST", "/close", "{}")
+        """Close the set in the service and wait for its run; return the run and the last state."""
+        state = self._request_state("POST", "/close", "{}")
         run = self._client.runs.wait(self._client.runs.get(str(state.run_id)))
         return run, state
 
 
-class _Loop:
-    """A thread in which a source waits for what comes, while nobody asks."""
+class _SourceThread:
+    """Thread with an event loop, in which a source can receive data between readings."""
 
     def __init__(self) -> None:
         self._loop = asyncio.new_event_loop()
@@ -181,7 +196,7 @@ class _Loop:
         self._thread.start()
 
     def do(self, work: Coroutine[Any, Any, T]) -> T:
-        """Return what a coroutine returns."""
+        """Run a coroutine in the thread; wait for its end and return its value."""
         future = asyncio.run_coroutine_threadsafe(work, self._loop)
         try:
             return future.result()
@@ -190,15 +205,15 @@ class _Loop:
             raise
 
     def close(self) -> None:
-        """End the thread."""
+        """Stop the event loop and end the thread."""
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
-        self._loop.run_until_complete(asyncio.sleep(0))  # connections that were just closed
+        self._loop.run_until_complete(asyncio.sleep(0))  # lets connections that were just closed end
         self._loop.close()
 
 
 class LiveMeasurement:
-    """A campaign while it is measured, here or over a service.
+    """Campaign while it is measured live, in this process or over a service.
 
     ::
 
@@ -206,30 +221,33 @@ class LiveMeasurement:
             campaign.run_source()
         print(campaign.run)
 
-    Left as a context manager it lets go of its source; the set stays open until `close`.
+    The end of the `with` block releases the source; the set stays open until `close`.
     """
 
     def __init__(
         self,
-        place: _Here | _There,
+        place: _SetInProcess | _SetInService,
         robot: PreparedRobot,
         post: MeasurementSetPost,
         source: Source | None,
         wait: float,
     ) -> None:
-        """Begin; `jointstiff.measure` and `Client.measure` do."""
+        """Begin a live measurement; called by `jointstiff.measure` and `Client.measure`.
+
+        `wait` is the time after which a silent source has stopped [s].
+        """
         self._place, self._robot, self._post = place, robot.robot, post
         self._options = cast("LiveOptions", post.open)
         self._scales = Scales.of(post.units, robot.robot)
         self.source, self._wait = source, wait
         self.joint_names, self.joint_kinds = robot.robot.joint_names, robot.robot.joint_kinds
-        self._loop: _Loop | None = None
+        self._loop: _SourceThread | None = None
         self._checked: Checked | None = None
         self._confirmed = False
-        self.state = place.state()  #: what the readings say so far, and what is next
-        self.run: TabledRun | None = None  #: the run, once the campaign is closed
-        self.robot = robot.document  #: that is measured
-        #: state before it was closed
+        self.state = place.state()  #: results of the readings so far, and the next reading
+        self.run: TabledRun | None = None  #: run of the closed campaign; None before
+        self.robot = robot.document  #: measured robot
+        #: state before the campaign was closed
         self.outcome: LiveState = self.state
 
     def __enter__(self) -> Self:
@@ -238,20 +256,20 @@ class LiveMeasurement:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.let_go()
+        self.release_source()
 
     def __repr__(self) -> str:
-        """Return goal and standing."""
+        """Return robot, goal and present state in one line."""
         return f"<LiveMeasurement of '{self.robot.name}': {self.state.goal}; {self.state.message}>"
 
     @property
     def next(self) -> PlannedReading | None:
-        """Next reading, in SI units; None if nothing is left."""
+        """Next planned reading, in SI units; None if nothing is left to read."""
         return self.state.next
 
     @property
     def count(self) -> int:
-        """Number of readings that count."""
+        """Number of readings that were not withdrawn."""
         return sum(each.state != "withdrawn" for each in self.state.readings)
 
     def observe(
@@ -264,20 +282,20 @@ class LiveMeasurement:
         force: Any = None,  # noqa: ANN401 - anything that numpy understands
         sigma: Mapping[str, float] | None = None,
     ) -> LiveState:
-        """Take in a reading, compare it with the others, and return what all of them say.
+        """Add a reading, compare it with the others, and return the state that follows from all readings.
 
         Args:
-            unloaded: positions without load [m], by target or as (T, 3) in their order; R0, or the frame of
-                the campaign.
-            loaded: the same under load; None for the robot's own weight.
-            label: of the reading; default: that of the next one.
-            joints: (n,) as the controller shows them [rad or m]; default: those of the next reading.
-            force: (3,) on the robot, axes of R0 [N]; default: that of the next reading.
+            unloaded: positions without load [m], by target or (T, 3) in the order of the targets; in R0, or
+                in the frame of the campaign.
+            loaded: positions under load in the same form; None for readings by the robot's own weight.
+            label: label of the reading; default: the label of the next planned reading.
+            joints: (n,) joint values as the controller shows them [rad or m]; default: as planned.
+            force: (3,) force on the robot, axes of R0 [N]; default: as planned.
             sigma: standard uncertainty of a coordinate by target [m], where the campaign states none.
 
         Raises:
-            CampaignError: the reading cannot be right, or the label is taken.
-            RefusedError: the service refuses it.
+            CampaignError: the reading cannot be right, or another reading has this label.
+            RefusedError: the service refuses the reading.
         """
         following, scales = self.next, self._scales
         if following is None and (label is None or joints is None or force is None):
@@ -285,7 +303,7 @@ class LiveMeasurement:
             raise CampaignError(http_problem(422, "nothing is left to read", remedy))
         angles = np.asarray(following.joints if joints is None and following else joints, dtype=np.float64)
         newtons = np.asarray(following.force if force is None and following else force, dtype=np.float64)
-        before, after = self._places(unloaded), self._places(loaded)
+        before, after = self._positions_by_target(unloaded), self._positions_by_target(loaded)
         readings = [
             {
                 "target": name,
@@ -305,7 +323,7 @@ class LiveMeasurement:
         return self.state
 
     def withdraw(self, label: str, reason: str) -> LiveState:
-        """Let a reading count no more, and say why; it stays in the record."""
+        """Withdraw a reading for a stated reason: it no longer counts, but stays in the record."""
         return self._send_change({"withdrawn": {label: reason}})
 
     def keep(self, label: str) -> LiveState:
@@ -313,15 +331,15 @@ class LiveMeasurement:
         return self._send_change({"kept": [label]})
 
     def skip(self) -> LiveState:
-        """Leave the next posture out; another one is chosen."""
+        """Skip the next planned posture; return the state with another one."""
         return self.state if self.next is None else self._send_change({"skipped": self.next.label})
 
     def run_source(self, person: Person | None = None, most: int = MOST_READINGS) -> LiveState:
-        """Read by the source until the goal is reached, cannot be, or there are as many readings.
+        """Read by the source until the goal is reached or cannot be reached, or `most` readings are taken.
 
         Args:
-            person: asked on the way; default: nobody, a doubtful posture is read again once and then kept.
-            most: number of readings after which it ends.
+            person: person who decides about readings; default: nobody, as `Person` describes.
+            most: largest number of readings, withdrawn ones included.
 
         Raises:
             SourceError: the source failed twice at the same reading.
@@ -341,13 +359,13 @@ class LiveMeasurement:
         return self.state
 
     def close(self) -> TabledRun:
-        """Make an ordinary measurement set of the readings, and return its run.
+        """Close the measurement: make an ordinary measurement set of its readings, and return its run.
 
         Raises:
-            CampaignError: no reading counts.
-            RefusedError: the service refuses it.
+            CampaignError: all readings were withdrawn.
+            RefusedError: the service refuses the request.
         """
-        self.let_go()
+        self.release_source()
         if self.run is None:
             self.outcome = self.state
             self.run, self.state = self._place.close()
@@ -358,8 +376,8 @@ class LiveMeasurement:
         """Close the measurement; return its campaign, with the declared goal and the outcome in its notes."""
         return self.close().campaign
 
-    def let_go(self) -> None:
-        """Let go of the source."""
+    def release_source(self) -> None:
+        """Close the connection to the source, and end its thread."""
         if self._loop is not None:
             if self._checked is not None:
                 self._loop.do(self._checked.close())
@@ -367,11 +385,12 @@ class LiveMeasurement:
             self._loop = self._checked = None
 
     def _send_change(self, change: dict[str, Any]) -> LiveState:
+        """Change the open set, such as by withdrawing a reading; return the new state."""
         self.state = self._place.change(parse_document(change, SetChange))
         return self.state
 
-    def _places(self, places: Any) -> dict[str, list[float]]:  # noqa: ANN401 - arrays or positions by target
-        """Return positions by target in the units of the set."""
+    def _positions_by_target(self, places: Any) -> dict[str, list[float]]:  # noqa: ANN401 - arrays or positions by target
+        """Return positions [m], given by target or in order, as a dictionary by target in the set's units."""
         if places is None:
             return {}
         names = self._options.targets
@@ -381,12 +400,13 @@ class LiveMeasurement:
             for name, place in named.items()
         }
 
-    def _setting(self) -> Setting:
+    def _make_setting(self) -> Setting:
+        """Return what a source needs to know: robot, targets, load point [m], sigma [m], and the frame."""
         post, options = self._post, self._options
         length = self._scales.length
         targets, point = options.targets, options.load_point or (0.0, 0.0, 0.0)
         noise = post.noise.sigma if post.noise is not None else None
-        sigma = length * noise if noise else options.sigma or _SIGMA
+        sigma = length * noise if noise else options.sigma or _SIMULATED_SIGMA
         if post.frame is None or post.frame.rotation is None:
             return Setting(self._robot, targets, point, sigma)
         transform = stated_transform(post.frame, length)
@@ -395,30 +415,38 @@ class LiveMeasurement:
         )
 
     def _open_source(self) -> None:
+        """Open the source in a thread of its own, unless it is open.
+
+        Raises:
+            RequestError: the campaign has no source, or the source cannot give its readings.
+        """
         if self.source is None:
             raise RequestError(
                 "the campaign has no source", where="source", remedy='give one, such as source="simulated:1"'
             )
         if isinstance(self._options.load, OwnWeight) and self.source.by_itself:
             raise RequestError(
-                "a simulated source bends by loads only",
+                "a simulated source cannot measure by the robot's own weight",
                 where="source",
                 remedy="give a load, such as dead_weight:1500",
             )
         if self._loop is not None:
             return
-        self._loop = _Loop()
-        self._checked = Checked(self.source, self._setting(), self._wait)
+        self._loop = _SourceThread()
+        self._checked = Checked(self.source, self._make_setting(), self._wait)
         try:
             self._loop.do(self._checked.open())
         except BaseException:
-            self.let_go()
+            self.release_source()
             raise
 
     def _read_posture(
         self, following: PlannedReading, person: Person
     ) -> Literal["read", "again", "skip", "stop"]:
-        """Read a posture, again where it is doubtful; return what became of it, or what to do instead."""
+        """Read a posture until its reading is kept; return `read`, or the person's decision to skip or stop.
+
+        A doubtful reading is withdrawn and read again with a new label, unless the person keeps it.
+        """
         missed = doubted = False
         while True:
             answer: Literal["read", "again", "skip", "stop"]
@@ -440,26 +468,30 @@ class LiveMeasurement:
             if person.doubts(reading, again=doubted) == "keep":
                 self.keep(reading.label)
                 return answer
-            self.withdraw(reading.label, _AGAIN)
+            self.withdraw(reading.label, _READ_AGAIN)
             missed, doubted = False, True
             label = f"m{1 + len(self.state.readings):02d}"
             following = following.model_copy(update={"label": label})
 
     def _settle_earlier(self, person: Person) -> None:
-        """Ask about earlier readings that turn out to be mistakes; what is missing then comes next."""
+        """Withdraw or keep, as the person decides, earlier readings that have become doubtful."""
         readings = self.state.readings
-        before = any(each.reason == _SHOWN for each in readings)
+        withdrew_before = any(each.reason == _SHOWN_LATER for each in readings)
         for earlier in readings[:-1]:
             if earlier.state == "doubtful":
                 person.on_reading(self.state, earlier)
-                if person.doubts_earlier(earlier, again=before) == "keep":
+                if person.doubts_earlier(earlier, again=withdrew_before) == "keep":
                     self.keep(earlier.label)
                 else:
-                    self.withdraw(earlier.label, _SHOWN)
+                    self.withdraw(earlier.label, _SHOWN_LATER)
 
     def _read_once(self, following: PlannedReading, person: Person) -> Literal["read", "skip", "stop"]:
-        """Read a posture without and with its load, and take the reading in; or return what to do instead."""
-        loop, checked = cast("_Loop", self._loop), cast("Checked", self._checked)
+        """Read a posture without and with load, and add the reading.
+
+        Return `read`, or the person's decision to skip the posture or to stop. With the robot's own weight as
+        load, read the posture once.
+        """
+        loop, checked = cast("_SourceThread", self._loop), cast("Checked", self._checked)
         parts: list[dict[str, Point]] = []
         for loaded in (False,) if isinstance(self._options.load, OwnWeight) else (False, True):
             answer = person.ready(following, loaded=loaded)
@@ -468,11 +500,11 @@ class LiveMeasurement:
             stand = Stand(following.label, tuple(following.joints), following.force, loaded)
             self._confirm(stand, person)
             parts.append(loop.do(checked.read(stand)))
-        unloaded, loaded_ = parts[0], parts[-1]
+        unloaded, last = parts[0], parts[-1]
         sigma: dict[str, float] = {}
         if self._post.noise is None or self._post.noise.sigma is None:
-            # of both positions the greater one
-            stated = {name: (unloaded[name][1], loaded_[name][1]) for name in unloaded}
+            # The greater uncertainty of the two positions is stated for both.
+            stated = {name: (unloaded[name][1], last[name][1]) for name in unloaded}
             sigma = {name: max(u, v) for name, (u, v) in stated.items() if u is not None and v is not None}
         places = [{name: place for name, (place, _) in part.items()} for part in parts]
         self.observe(
@@ -485,14 +517,14 @@ class LiveMeasurement:
         return "read"
 
     def _confirm(self, stand: Stand, person: Person) -> None:
-        """Let a person confirm how the first reading is understood.
+        """Let a person confirm, before the first reading, how the lines of the source are read.
 
         Raises:
-            RequestError: nobody does.
+            RequestError: the person does not confirm it.
         """
         if self._confirmed:
             return
-        profile = cast("_Loop", self._loop).do(cast("Checked", self._checked).profile(stand))
+        profile = cast("_SourceThread", self._loop).do(cast("Checked", self._checked).profile(stand))
         if profile is not None and not person.confirms(profile):
             raise RequestError(
                 "nobody confirmed how the lines are read",
@@ -514,7 +546,7 @@ def measure(
     source_options: Mapping[str, Any] | None = None,
     **options: Any,  # noqa: ANN401 - fields of LiveOptions
 ) -> LiveMeasurement:
-    """Begin a campaign that is measured until a declared goal is reached.
+    """Begin a live measurement: a campaign that is measured until a declared goal is reached.
 
     Args:
         robot: to begin with a robot: a document, a file, or the name of an arm of the catalogue, with `load`
@@ -525,47 +557,48 @@ def measure(
         source: `simulated:SEED`, `lines:/dev/ttyUSB0`, `lines:tcp://host:port`, `lines:udp://:port`,
             `robodk`, another one by the entry points `jointstiff.sources`, or an object with ``async def
             point(name)``. Without one, readings come by `observe`.
-        force: (3,) in the work area, axes of R0 [N]; default: that of the load.
+        force: (3,) force in the work area, axes of R0 [N]; default: the force of the load.
         timeout: seconds after which a source that sends nothing has stopped.
-        client: service that keeps the open set; default: this process. `Client.measure` gives it.
-        source_options: of `lines`: `columns` or `pattern`, `source_unit`, `request`, `baud`, `sample`.
+        client: client of the service that keeps the open set; default: this process keeps it.
+        source_options: options of the source `lines`: `columns` or `pattern`, `source_unit`, `request`,
+            `baud`, `sample`.
         options: fields of `LiveOptions` in SI units, such as `load`, `targets`, `work_area` (or `area`),
             `load_point`, `sigma`, `surroundings`, `candidates`, `seed`. A load may be a text, such as
             "dead_weight:1500".
 
     Raises:
         CampaignError: robot, goal or an option cannot be used; its `problem` says what, where and what to do.
-        RefusedError: the service refuses it.
+        RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """
     from jointstiff.schemas.fields import planned_load_of
 
     if isinstance(options.get("load"), str):
         options["load"] = planned_load_of(options["load"])
-    named = {_PLAIN.get(name, name): value for name, value in options.items()}
+    named = {_SHORT_NAMES.get(name, name): value for name, value in options.items()}
     measured, campaign = _robot_and_campaign(robot)
     with as_campaign_error(""):
-        towards = None if force is None else tuple(np.asarray(force, dtype=np.float64).tolist())
-        stated = goal_of(goal, cast("Any", towards))
+        area_force = None if force is None else tuple(np.asarray(force, dtype=np.float64).tolist())
+        stated = goal_of(goal, cast("Any", area_force))
         prepared = prepare_robot(measured)
         document = None if campaign is None else campaign.measurement_set
         run = RunOptions() if campaign is None else RunOptions(confidence=campaign.run.confidence)
         weight = None if campaign is None else campaign.run.weight
         post = declared(prepared, document, stated, _parse_options(named, stated), weight)
         reader = source_of(source, source_options or {}) if isinstance(source, str) else source
-    place = _Here(prepared, post, run) if client is None else _There(client, measured, post)
+    place = _SetInProcess(prepared, post, run) if client is None else _SetInService(client, measured, post)
     return LiveMeasurement(place, prepared, post, reader, timeout)
 
 
 def _parse_options(options: Mapping[str, Any], goal: Goal) -> dict[str, Any]:
-    """Return options that are checked, with those that were stated."""
+    """Check the options of a live measurement; return the stated ones, parsed as fields of `LiveOptions`."""
     stated = {name: value for name, value in options.items() if value is not None}
     message = parse_document({**stated, "goal": goal}, LiveOptions)
     return {name: getattr(message, name) for name in stated}
 
 
 def _robot_and_campaign(source: Any) -> tuple[RobotDocument, Campaign | None]:  # noqa: ANN401 - robot, campaign or run
-    """Return the robot, and the campaign if it is one."""
+    """Return the robot of a source, and the campaign if the source is a campaign or a run; else None."""
     from jointstiff.schemas import run as messages
     from jointstiff.service.library import robots
     from jointstiff.service.library.results import TabledRun
@@ -574,5 +607,5 @@ def _robot_and_campaign(source: Any) -> tuple[RobotDocument, Campaign | None]:  
         source = source.campaign
     source = read_planned(source)
     if isinstance(source, messages.Campaign):
-        return source.robot, Campaign.of(source)
+        return source.robot, Campaign.from_message(source)
     return robots.robot(source), None

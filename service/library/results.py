@@ -1,4 +1,4 @@
-"""Results that people hold: a line, a table, a frame, a plot, a file; and runs give what follows."""
+"""Results as Python objects: shown as a line or tables, and written as a data frame, plot or file."""
 
 from __future__ import annotations
 
@@ -45,18 +45,18 @@ _MODELS = {"csv", "xlsx", "mjcf", "xml"}
 
 
 class Door(verb.Door, Protocol):
-    """A door that also gives what follows from a job."""
+    """Service or process that does work, and also makes files, predictions and new runs from a job."""
 
     def campaign_of(self, run: Run) -> messages.Campaign | None:
-        """Return the campaign of a run; None if it is not known."""
+        """Return the campaign of a run; None if the campaign is not known."""
 
     def file(
         self, job: Job, name: str, query: Mapping[str, str] | None = None, laboratory: Path | None = None
     ) -> bytes:
-        """Return a file of a job, such as `report.pdf`, by the query of the API."""
+        """Return the content of a file of a job, such as `report.pdf`; `query` has parameters of the API."""
 
     def sheet(self, job: Job, file: File) -> Sheet:
-        """Return the table of a file of a job."""
+        """Return the table that is written to a file of a job."""
 
     def predict(
         self,
@@ -66,34 +66,34 @@ class Door(verb.Door, Protocol):
         forces: Numbers | None = None,
         **options: Unpack[PredictFields],
     ) -> Prediction:
-        """Predict deflections by a run."""
+        """Predict deflections by a run or a campaign; arguments as of `jointstiff.predict`."""
 
     def apply(self, run: TabledRun, action: str) -> TabledRun:
-        """Apply an action that a reason of a run advises; return the run of what it changes."""
+        """Apply an action that a reason of a run advises; return the run of the changed campaign."""
 
 
 class Presented(ABC):
-    """A result that people hold: short by name, a table where it is printed, a frame, a plot, a file."""
+    """Base class of results: shown in a line or as tables; made into data frames, plots and files."""
 
     @abstractmethod
     def _parts(self) -> Sequence[Part]:
-        """Return what people read."""
+        """Return the parts of the report, lines and tables, in the order in which they are shown."""
 
     @abstractmethod
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
-        """Return the tables by name, the first one first."""
+        """Return a function that makes each table, by the table's name; the main table is first."""
 
     @abstractmethod
-    def _figure(self) -> Figure:
-        """Draw what can be drawn."""
+    def _draw_figure(self) -> Figure:
+        """Draw the result as a figure of matplotlib."""
 
     @property
     def _message(self) -> Message:
         return cast("Message", self)
 
     def __repr__(self) -> str:
-        """Return kind, state and verdict in one line."""
-        return f"<{type(self).__name__}: {self._headline()}>"
+        """Return the type and the first line of the report."""
+        return f"<{type(self).__name__}: {self._first_line()}>"
 
     def __str__(self) -> str:
         """Return the report of the terminal as text."""
@@ -109,37 +109,40 @@ class Presented(ABC):
             inline_styles=True, code_format='<pre style="line-height:1.2">{code}</pre>'
         )
 
-    def _headline(self) -> str:
+    def _first_line(self) -> str:
+        """Return the first line of the report that is not part of a table; empty without one."""
         lines = [part.text for part in self._parts() if isinstance(part, Line)]
         return lines[0].strip().partition("\n")[0] if lines else ""
 
     def summary(self) -> str:
-        """Return the verdict, its reasons, counts and what to do, without the tables."""
+        """Return the lines of the report without its tables: verdict, reasons, counts and remedies."""
         return "\n".join(part.text for part in self._parts() if isinstance(part, Line))
 
     def to_frame(self, name: str | None = None) -> Any:  # noqa: ANN401 - of pandas or polars
-        """Return a table as a data frame of pandas, or of polars without it; the headers carry SI units.
+        """Return a table as a data frame of pandas, or of polars if pandas is not installed.
+
+        Headers state SI units.
 
         Args:
-            name: name of the table, such as `residuals` of a run; default: the first one.
+            name: name of the table, such as `residuals` of a run; default: the first table.
 
         Raises:
-            MissingExtraError: neither is installed.
-            ValueError: there is no such table.
+            MissingExtraError: neither pandas nor polars is installed.
+            ValueError: the result has no table of this name.
         """
         return frame_of(self._sheet(name))
 
     def plot(self) -> Figure:
-        """Draw the result by matplotlib, which notebooks display; `.savefig(path)` writes it.
+        """Draw the result by matplotlib; notebooks display the figure, and `.savefig(path)` writes it.
 
         Raises:
             MissingExtraError: matplotlib is not installed.
-            ValueError: there is nothing to draw.
+            ValueError: the result has nothing to draw.
         """
-        return self._figure()
+        return self._draw_figure()
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write a file, of the kind that its ending says.
+        """Write the result to a file, in the format of the file's ending.
 
         Args:
             path: ends in `.json` (all numbers), `.csv` (the first table), `.xlsx` (all tables), `.svg` or
@@ -148,14 +151,14 @@ class Presented(ABC):
                 corrected file, with its .dat next to it).
 
         Raises:
-            ValueError: there is no such file.
-            CampaignError: it cannot be made, or the result is not to be used.
-            RefusedError: the service refuses it.
+            ValueError: the result has no file with this ending.
+            CampaignError: the file cannot be made, or the result must not be used.
+            RefusedError: the service refuses the request.
         """
         target = Path(path)
         suffix = target.suffix.removeprefix(".").lower()
         if suffix in {"svg", "png"}:
-            self._figure().savefig(target)
+            self._draw_figure().savefig(target)
         elif suffix == "json":
             target.write_text(self._message.model_dump_json(indent=1) + "\n", encoding="utf-8")
         elif suffix == "csv":
@@ -165,28 +168,32 @@ class Presented(ABC):
         else:
             self._save_other(target, suffix)
 
-    def _save_other(self, path: Path, suffix: str) -> None:  # noqa: ARG002 - of those that have others
+    def _save_other(self, path: Path, suffix: str) -> None:  # noqa: ARG002 - for subclasses
+        """Write a file whose ending only some results have; subclasses add these endings."""
         raise ValueError(f"'{path}' must end in .json, .csv, .xlsx, .svg or .png")
 
     def _sheet(self, name: str | None) -> Sheet:
+        """Return the table of a name, the first one for None; raise ValueError for an unknown name."""
         sheets = self._sheets()
         chosen = next(iter(sheets), "") if name is None else name
         if chosen not in sheets:
-            raise ValueError(f"there is no table '{chosen}': its tables are {', '.join(sheets) or 'none'}")
+            raise ValueError(
+                f"the result has no table '{chosen}': its tables are {', '.join(sheets) or 'none'}"
+            )
         return sheets[chosen]()
 
 
-class Shown(Presented):
-    """A job that shows itself: to be mixed with its message."""
+class PresentedJob(Presented):
+    """Base class of jobs with tables, plots, files and reports; combined with a kind's message."""
 
-    _origin: Any  # where it was done; None if that is not known
+    _origin: Any  # client or process that did the job; None if not known
 
     def __eq__(self, other: object) -> bool:
-        """Return whether the other is the same job, whether it shows itself or not."""
+        """Return whether another job has the same kind and fields, also if it is a plain message."""
         return isinstance(other, Job) and other.kind == self._job.kind and dict(self._job) == dict(other)
 
     def __hash__(self) -> int:
-        """Return the hash of the id, which is the job's alone."""
+        """Return the hash of the job's id, which is unique."""
         return hash(self._job.id)
 
     @property
@@ -194,9 +201,9 @@ class Shown(Presented):
         return cast("Job", self)
 
     def __repr__(self) -> str:
-        """Return kind, id, state and verdict in one line."""
+        """Return kind, short id, state and first line of the report in one line."""
         job = self._job
-        return f"<{kind_of(job.kind).message.__name__} {job.id[:8]}, {job.state}: {self._headline()}>"
+        return f"<{kind_of(job.kind).message.__name__} {job.id[:8]}, {job.state}: {self._first_line()}>"
 
     def _parts(self) -> Sequence[Part]:
         from jointstiff.service.reports.job import job_parts
@@ -205,35 +212,40 @@ class Shown(Presented):
 
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
         files = {file.name.partition(".")[0]: file for file in reversed(kind_of(self._job.kind).files)}
-        return {name: partial(self._sheet_of, file) for name, file in reversed(files.items())}
+        return {name: partial(self._make_sheet, file) for name, file in reversed(files.items())}
 
-    def _sheet_of(self, file: File) -> Sheet:
-        """Return the table of a file; from where the job was done if its result does not hold it."""
+    def _make_sheet(self, file: File) -> Sheet:
+        """Return the table of a file of this job, made by the job's origin if that is known.
+
+        Raises:
+            ValueError: the job has no result, or only its origin, which is not known, can make the table.
+        """
         job = self._job
         if job.result is None:
             raise ValueError(job.error.detail if job.error else f"the {job.kind} is {job.state}")
         if self._origin is not None:
-            return self._known_origin().sheet(job, file)
+            return self._require_origin().sheet(job, file)
         if file.made_of == "work":
-            self._known_origin()
+            self._require_origin()
         from jointstiff.service.reports.job import job_sheet
 
         return job_sheet(file, job, lambda: cast("Any", None))
 
-    def _figure(self) -> Figure:
+    def _draw_figure(self) -> Figure:
+        """Draw the charts of the kind of job; raise ValueError if the job has no result."""
         from jointstiff.service.reports.plots import figure_of
 
         kind, job = kind_of(self._job.kind), self._job
         if job.result is None:
             raise ValueError(job.error.detail if job.error else f"the {job.kind} is {job.state}")
         areas = [] if kind.area is None else [kind.area(self._sheet(None))]
-        return figure_of(f"{kind.title}: {self._headline()}", list(kind.charts(job.result)), areas)
+        return figure_of(f"{kind.title}: {self._first_line()}", list(kind.charts(job.result)), areas)
 
     def table(self, suffix: str) -> bytes:
-        """Return the first table of the job as a file: `csv`, and for maps `npz` and `json`.
+        """Return the content of the job's main table as a file: `csv`, and for maps also `npz` and `json`.
 
         Raises:
-            ValueError: the kind has no such table, or its inputs are not known.
+            ValueError: the kind of job has no such file, or the origin of the job is not known.
         """
         kind = kind_of(self._job.kind)
         file = next((file for file in kind.files if file.suffix == suffix), None)
@@ -241,26 +253,28 @@ class Shown(Presented):
             endings = ", ".join(f".{file.suffix}" for file in kind.files) or "none"
             raise ValueError(f"a {kind.name} has tables of these endings: {endings}")
         if self._origin is not None and self._job.result is not None:
-            return self._known_origin().file(self._job, file.name)
-        return written(self._sheet_of(file), suffix)
+            return self._require_origin().file(self._job, file.name)
+        return written(self._make_sheet(file), suffix)
 
     def report(self, path: str | Path, laboratory: str | Path | None = None) -> None:
-        """Write the report.
+        """Write the report of the job to a file.
 
         Args:
-            path: file to write, ending in `.pdf` or `.html`; of a run also `.xml`, a digital calibration
+            path: file to write, ending in `.pdf` or `.html`; for a run also `.xml`, a digital calibration
                 certificate (DCC 3.3.0).
-            laboratory: TOML file of the laboratory that issues it; a service has its own.
+            laboratory: TOML file about the laboratory that issues the report; only in this process, as a
+                service has its own file.
 
         Raises:
             CampaignError: the report cannot be made, or Typst is not installed.
-            RefusedError: the service refuses it.
+            RefusedError: the service refuses the request.
         """
-        name = f"report.{_suffix(path, _REPORTS | {'xml'})}"
+        name = f"report.{_require_suffix(path, _REPORTS | {'xml'})}"
         settings = None if laboratory is None else Path(laboratory)
-        Path(path).write_bytes(self._known_origin().file(self._job, name, None, settings))
+        Path(path).write_bytes(self._require_origin().file(self._job, name, None, settings))
 
     def _save_other(self, path: Path, suffix: str) -> None:
+        """Write the report, the archive of a map, or the files of a program, by the ending."""
         job: Any = self._job
         if suffix in _REPORTS:
             self.report(path)
@@ -270,29 +284,33 @@ class Shown(Presented):
             names = [file.name for file in job.result.files]
             for name in names:
                 target = path if len(names) == 1 else path.with_suffix(Path(name).suffix)
-                target.write_bytes(self._known_origin().file(job, "program", {"file": name}))
+                target.write_bytes(self._require_origin().file(job, "program", {"file": name}))
         else:
             super()._save_other(path, suffix)
 
-    def is_of(self, door: object) -> bool:
-        """Return whether the job was done there."""
+    def was_done_by(self, door: object) -> bool:
+        """Return whether a client or process, `door`, did this job."""
         return self._origin is door
 
-    def _known_origin(self) -> Door:
+    def _require_origin(self) -> Door:
+        """Return the client or process that did the job; raise ValueError if it is not known."""
         if self._origin is None:
-            raise ValueError(f"it is not known where the {self._job.kind} was done: use what a verb returned")
+            raise ValueError(
+                f"the {self._job.kind} has no reference to the process or service that computed it: use the "
+                "result that `jointstiff` or a client returned"
+            )
         return cast("Door", self._origin)
 
 
 class _Joints(dict[str, JointResult]):
-    """Joints by name."""
+    """Results of joints by name; the error for an unknown name lists the known names."""
 
     def __missing__(self, name: str) -> JointResult:
-        raise KeyError(f"there is no joint '{name}': the joints are {', '.join(self)}")
+        raise KeyError(f"the robot has no joint '{name}': its joints are {', '.join(self)}")
 
 
-class TabledRun(Shown, Run):
-    """A run with its joints by name, as a table where it is displayed, and as a report or a model file."""
+class TabledRun(PresentedJob, Run):
+    """Run with its joints by name; shown as tables, and written as a report or a model file."""
 
     _origin: Any = PrivateAttr(default=None)
 
@@ -303,27 +321,27 @@ class TabledRun(Shown, Run):
         Raises:
             RequestError: the run has no result.
         """
-        return MappingProxyType(_Joints({joint.name: joint for joint in self._found().joints}))
+        return MappingProxyType(_Joints({joint.name: joint for joint in self._require_result().joints}))
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance matrix (n, n) of the compliances, joints in order [rad²/(N·m)²].
+        """Covariance matrix (n, n) of the joints' compliances, in order [rad²/(N·m)²].
 
-        Those of prismatic joints are in m/N. Rows and columns of joints without an estimate are NaN.
+        Compliances of prismatic joints are in m/N. Rows and columns of joints without an estimate are NaN.
 
         Raises:
             RequestError: the run has no result, or no uncertainty budget.
         """
         import numpy as np
 
-        found = self._found()
+        found = self._require_result()
         if found.budget is None:
             remedy = "identify by joints alone, with `sigma` or more readings than joints"
             raise RequestError("the run has no uncertainty budget", where="run", remedy=remedy)
         names, budget = [joint.name for joint in found.joints], found.budget
         matrix = np.full((len(names), len(names)), np.nan)
-        places, u = [names.index(name) for name in budget.joints], np.array(budget.standard_uncertainty)
-        matrix[np.ix_(places, places)] = np.outer(u, u) * np.array(budget.correlation)
+        indices, u = [names.index(name) for name in budget.joints], np.array(budget.standard_uncertainty)
+        matrix[np.ix_(indices, indices)] = np.outer(u, u) * np.array(budget.correlation)
         return matrix
 
     def predict(
@@ -334,66 +352,68 @@ class TabledRun(Shown, Run):
         **options: Unpack[PredictFields],
     ) -> Prediction:
         """Predict deflections by this run; arguments as of `jointstiff.predict`."""
-        return self._known_origin().predict(self, postures, forces, **options)
+        return self._require_origin().predict(self, postures, forces, **options)
 
     @property
     def campaign(self) -> Campaign:
-        """Campaign that was identified, in this process or in the service.
+        """Campaign from which the run was identified, in this process or in the service.
 
         Raises:
-            RequestError: the run comes from elsewhere.
+            RequestError: the run has no reference to its campaign, such as a run read from a file.
         """
-        campaign = None if self._origin is None else self._known_origin().campaign_of(self)
+        campaign = None if self._origin is None else self._require_origin().campaign_of(self)
         if campaign is None:
             raise RequestError(
                 "the run has no reference to its campaign",
                 where="run",
                 remedy="use a run that `jointstiff.identify` returned, or the client of its service",
             )
-        return Campaign.of(campaign)
+        return Campaign.from_message(campaign)
 
     @property
     def robot(self) -> Robot:
-        """Robot that was measured; `run.robot.model` is its model of Pinocchio.
+        """Robot that was measured; `run.robot.model` is its Pinocchio model.
 
         Raises:
-            RequestError: the run comes from elsewhere.
+            RequestError: the run has no reference to its campaign.
         """
-        from jointstiff.service.library.robots import prepared_robot
+        from jointstiff.service.library.robots import prepare_once
 
-        return prepared_robot(self.campaign.robot).robot
+        return prepare_once(self.campaign.robot).robot
 
     def apply(self, action: str) -> TabledRun:
-        """Apply an action that a reason advises, and identify what it changes, here or in the run's service.
+        """Apply an action that a reason of the verdict advises, and identify the changed campaign.
+
+        The work is done where this run was done: in this process or in its service.
 
         Args:
             action: kind of the action, such as `exchange_columns` or `convert_units`.
 
         Returns:
-            The run of the mended campaign, by the options of this one; in this process its `campaign`.
+            The run of the changed campaign, with the options of this run.
 
         Raises:
             RequestError: the run has no result.
             CampaignError: no reason advises the action, or it cannot be applied to this campaign.
-            RefusedError: the service refuses it.
+            RefusedError: the service refuses the request.
         """
-        self._found()
-        return self._known_origin().apply(self, action)
+        self._require_result()
+        return self._require_origin().apply(self, action)
 
     def export(self, path: str | Path, accept_verdict: str | None = None) -> None:
-        """Write the identified model.
+        """Write the identified model to a table or a file for simulators.
 
         Args:
             path: file to write, ending in `.csv`, `.xlsx`, `.mjcf`, or `.xml` (MJCF).
             accept_verdict: `do_not_use` to export a run with that verdict.
 
         Raises:
-            CampaignError: the run has no model for this format, or is not to be used.
-            RefusedError: the service refuses it.
+            CampaignError: the run has no model for this format, or its verdict is `do_not_use`.
+            RefusedError: the service refuses the request.
         """
-        suffix = _suffix(path, _MODELS).replace("xml", "mjcf")
+        suffix = _require_suffix(path, _MODELS).replace("xml", "mjcf")
         query = {} if accept_verdict is None else {"accept_verdict": accept_verdict}
-        Path(path).write_bytes(self._known_origin().file(self, f"model.{suffix}", query))
+        Path(path).write_bytes(self._require_origin().file(self, f"model.{suffix}", query))
 
     def _save_other(self, path: Path, suffix: str) -> None:
         if suffix in _MODELS - {"csv", "xlsx"}:
@@ -401,7 +421,8 @@ class TabledRun(Shown, Run):
         else:
             super()._save_other(path, suffix)
 
-    def _found(self) -> RunResult:
+    def _require_result(self) -> RunResult:
+        """Return the result; raise RequestError if the run has none."""
         if self.result is None:
             reason = self.error.detail if self.error else f"the run is {self.state}"
             raise RequestError(reason, where="run", remedy="read `run.error`")
@@ -409,31 +430,32 @@ class TabledRun(Shown, Run):
 
 
 class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary` of a listing
-    """Predicted deflections, which show themselves; arrays have a row for each case."""
+    """Predicted deflections, shown as tables; its arrays have a row for each of N load cases."""
 
     @property
     def displacement(self) -> FloatArray:
-        """Displacements (N, 3) of the place, axes of R0 [m]; NaN where there is no number."""
-        return self._rows("displacement")
+        """Displacements (N, 3) of the place, axes of R0 [m]; NaN for cases without a prediction."""
+        return self._stack_vectors("displacement")
 
     @property
     def rotation(self) -> FloatArray:
-        """Rotation vectors (N, 3) of the flange, axes of R0 [rad]; NaN where there is no number."""
-        return self._rows("rotation")
+        """Rotation vectors (N, 3) of the flange, axes of R0 [rad]; NaN for cases without a prediction."""
+        return self._stack_vectors("rotation")
 
     @property
     def intervals(self) -> FloatArray:
-        """Lower and upper ends (N, 3, 2) of the displacements by the readings [m]; NaN where unknown."""
+        """Ends (N, 3, 2) of the displacements' intervals without model error [m]; NaN where unknown."""
         import numpy as np
 
         known = [case.readings_only for case in self.cases]
         return np.array([np.full((3, 2), np.nan) if ends is None else ends for ends in known])
 
-    def _rows(self, field: str) -> FloatArray:
+    def _stack_vectors(self, field: str) -> FloatArray:
+        """Return a field of all cases as an array (N, 3), with NaN for cases without the field."""
         import numpy as np
 
-        none = (np.nan, np.nan, np.nan)
-        return np.array([getattr(case, field) or none for case in self.cases], dtype=np.float64)
+        unknown = (np.nan, np.nan, np.nan)
+        return np.array([getattr(case, field) or unknown for case in self.cases], dtype=np.float64)
 
     def _parts(self) -> Sequence[Part]:
         from jointstiff.service.runs.deflection import prediction_parts
@@ -445,17 +467,18 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
 
         return {"cases": lambda: prediction_sheet(self)}
 
-    def _figure(self) -> Figure:
+    def _draw_figure(self) -> Figure:
         from jointstiff.service.reports.plots import figure_of
         from jointstiff.service.runs.deflection import prediction_charts
 
-        return figure_of(f"Predicted deflection: {self._headline()}", prediction_charts(self))
+        return figure_of(f"Predicted deflection: {self._first_line()}", prediction_charts(self))
 
 
 class RobotTrend(Presented, Trend):
-    """Stiffness of a robot's joints over its campaigns, and what changed since the first; it shows itself."""
+    """Stiffness of a robot's joints over its campaigns; shown as a table of changes, and plots."""
 
     def _parts(self) -> Sequence[Part]:
+        """Return a line with the number of changed joints, remarks, and a table of the changes [%]."""
         changed = sum(joint.changed for joint in self.joints)
         head = (
             f"{len(self.campaigns)} campaigns: {changed} of {len(self.joints)} joints changed since the first"
@@ -469,12 +492,16 @@ class RobotTrend(Presented, Trend):
                 shown = f"{figure(100 * change.value, '.2g')}{known} %"
             p_value = NO_NUMBER if joint.p_value is None else figure(joint.p_value, ".2g")
             rows.append([joint.name, "changed" if joint.changed else "", shown, p_value])
-        lines = [Line(head), *map(Line, self._other_pairs()), *([Line(self.note)] if self.note else [])]
+        lines = [
+            Line(head),
+            *map(Line, self._describe_other_pairs()),
+            *([Line(self.note)] if self.note else []),
+        ]
         return [*lines, text_table(["joint", "", "change, ± u", "p-value"], rows, texts=[0, 1])]
 
-    def _other_pairs(self) -> Iterator[str]:
-        """Yield which campaigns a joint's test compares, where these are not the first and the latest."""
-        whens = self._whens()
+    def _describe_other_pairs(self) -> Iterator[str]:
+        """Yield a sentence for each joint whose test does not compare the first and the latest campaign."""
+        whens = self._campaign_dates()
         for joint in self.joints:
             compared = [i for i, point in enumerate(joint.points) if point.reason is None]
             if joint.change is None or (compared[0] == 0 and compared[-1] == len(whens) - 1):
@@ -482,20 +509,20 @@ class RobotTrend(Presented, Trend):
             first, latest = (f"'{self.campaigns[i].name}' ({whens[i]})" for i in (compared[0], compared[-1]))
             yield f"{joint.name}: compared from {first} to {latest}, as others give no number to compare"
 
-    def _whens(self) -> list[str]:
-        """Return when the campaigns were: by day; by time, or by time and number, where labels repeat."""
+    def _campaign_dates(self) -> list[str]:
+        """Return unique labels of the campaigns' times: days, else minutes, else numbered minutes."""
         times = [campaign.at for campaign in self.campaigns]
         days, minutes = ([f"{at:{form}}" for at in times] for form in ("%Y-%m-%d", "%Y-%m-%d %H:%M"))
         if len(set(days)) == len(times):
             return days
-        unlike = len(set(minutes)) == len(times)
-        return minutes if unlike else [f"{minute} ({i})" for i, minute in enumerate(minutes, 1)]
+        unique = len(set(minutes)) == len(times)
+        return minutes if unique else [f"{minute} ({i})" for i, minute in enumerate(minutes, 1)]
 
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
-        return {"points": self._points}
+        return {"points": self._points_sheet}
 
-    def _points(self) -> Sheet:
-        """Return a row for each joint and campaign, in SI units."""
+    def _points_sheet(self) -> Sheet:
+        """Return the table of the trend: stiffness and interval for each joint and campaign, in SI units."""
         pairs = [
             (joint, campaign, point)
             for joint in self.joints
@@ -513,10 +540,11 @@ class RobotTrend(Presented, Trend):
         sheet = Sheet(columns, frozenset(["joint", "campaign", "at"]))
         return Sheet.of_joints(sheet, [joint.kind for joint, _, _ in pairs])
 
-    def _figure(self) -> Figure:
+    def _draw_figure(self) -> Figure:
+        """Draw a chart of stiffness over campaigns for each joint."""
         from jointstiff.service.reports.plots import figure_of
 
-        names = self._whens()
+        names = self._campaign_dates()
         charts = []
         for joint in self.joints:
             unit = UNITS[DEFAULT_UNIT].of(joint.kind)
@@ -524,28 +552,29 @@ class RobotTrend(Presented, Trend):
             ends = {"stiffness": [point.interval for point in joint.points]}
             title = f"{joint.name}: changed" if joint.changed else joint.name
             charts.append(Chart(title, names, series, unit.factor, unit.label, "campaigns", ends, True))
-        return figure_of(f"Trend: {self._headline()}", charts)
+        return figure_of(f"Trend: {self._first_line()}", charts)
 
 
 @cache
-def shown(kind: Kind[AnyJob, Any]) -> type[AnyJob]:
-    """Return the message of a kind that shows itself as tables."""
+def presented_class(kind: Kind[AnyJob, Any]) -> type[AnyJob]:
+    """Return the message class of a kind of job, combined with `PresentedJob`; made once for each kind."""
     if kind.message is Run:
         return cast("type[AnyJob]", TabledRun)
-    bases: Any = (Shown, kind.message)
+    bases: Any = (PresentedJob, kind.message)
     origin: Any = (Any, PrivateAttr(default=None))
     made = create_model(kind.message.__name__, __base__=bases, __doc__=kind.message.__doc__, _origin=origin)
     return cast("type[AnyJob]", made)
 
 
-def of(job: AnyJob, origin: Door) -> AnyJob:
-    """Return a job that was done there, and shows itself."""
-    known = shown(kind_of(job.kind)).model_validate(dict(job))
+def attach_origin(job: AnyJob, origin: Door) -> AnyJob:
+    """Return a job as a presented class that knows its origin: the client or process that did the job."""
+    known = presented_class(kind_of(job.kind)).model_validate(dict(job))
     cast("Any", known)._origin = origin
     return cast("AnyJob", known)
 
 
-def _suffix(path: str | Path, known: set[str]) -> str:
+def _require_suffix(path: str | Path, known: set[str]) -> str:
+    """Return the ending of a path without its dot; raise ValueError if it is not among the known ones."""
     suffix = Path(path).suffix.removeprefix(".").lower()
     if suffix not in known:
         endings = ", ".join(f".{each}" for each in sorted(known))

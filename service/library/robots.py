@@ -1,4 +1,4 @@
-"""Robots as Python programs have them: names of the catalogue, files, URDFs, rows, models of Pinocchio."""
+"""Robots from what Python programs have: names of the catalogue, files, URDFs, DH rows, Pinocchio models."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ AnyUnits = Units | Mapping[str, str] | str
 
 
 class ModelledRobot(RobotDocument):
-    """A robot that was given as a model of Pinocchio: the document is for files, the model computes."""
+    """Robot that was given as a Pinocchio model: the document is written to files, the model computes."""
 
     _model: Any = PrivateAttr()
     _flange: str | None = PrivateAttr()
 
     @classmethod
-    def of(cls, document: RobotDocument, model: Any, flange: str | None) -> ModelledRobot:  # noqa: ANN401
-        """Return the document with the `pin.Model` that it is written from, and the frame of the flange."""
+    def with_model(cls, document: RobotDocument, model: Any, flange: str | None) -> ModelledRobot:  # noqa: ANN401
+        """Return a document with the `pin.Model` from which it was made, and the name of the flange frame."""
         robot = cls.model_validate(dict(document))
         robot._model, robot._flange = model, flange
         return robot
 
-    def of_model(self, prepared: PreparedRobot) -> PreparedRobot:
-        """Return a prepared robot, with the model that was given in place of one that the document gives."""
+    def with_given_model(self, prepared: PreparedRobot) -> PreparedRobot:
+        """Return a prepared robot that computes with the given model, not with one made from the document."""
         from jointstiff.solver.mechanics.robot import Robot
 
         known = prepared.robot
@@ -45,18 +45,20 @@ class ModelledRobot(RobotDocument):
         return replace(prepared, robot=kept)
 
 
-def prepared_robot(document: RobotDocument) -> PreparedRobot:
-    """Prepare a robot, once for the campaigns on it; a model of Pinocchio that was given is kept.
+def prepare_once(document: RobotDocument) -> PreparedRobot:
+    """Return the prepared robot of a document; the last four are cached, for several campaigns on a robot.
+
+    A robot that was given as a Pinocchio model computes with that model.
 
     Raises:
-        RobotError: the description cannot be used.
+        RobotError: the description of the robot cannot be used.
     """
-    prepared = _prepared(document.model_dump_json())
-    return document.of_model(prepared) if isinstance(document, ModelledRobot) else prepared
+    prepared = _prepare_cached(document.model_dump_json())
+    return document.with_given_model(prepared) if isinstance(document, ModelledRobot) else prepared
 
 
 @lru_cache(maxsize=4)
-def _prepared(robot: str) -> PreparedRobot:
+def _prepare_cached(robot: str) -> PreparedRobot:
     from jointstiff.service.conversion.prepared import prepare_robot
 
     return prepare_robot(RobotDocument.model_validate_json(robot))
@@ -72,7 +74,7 @@ def robot(
     units: AnyUnits = "m, rad, N",
     joint_map: JointMap | Mapping[str, Any] | None = None,
 ) -> RobotDocument:
-    """Return a robot of whatever describes it.
+    """Return the document of a robot, from any form of description.
 
     Args:
         source: a robot document or a file of one; the name of an arm of the catalogue, such as "KUKA KR 210
@@ -81,12 +83,12 @@ def robot(
         name: name of the robot.
         base: link of a URDF whose frame is R0; default: its root.
         flange: link of a URDF, or frame of a model, that is the flange; default: the only tip.
-        convention: of rows, `standard` or `modified` (Craig).
-        units: of the lengths and angles of rows, such as "mm, deg, N".
-        joint_map: from the controller's joints to the model's; default: identity, or that of the arm.
+        convention: convention of the rows, `standard` or `modified` (Craig).
+        units: units of the lengths and angles of rows, such as "mm, deg, N".
+        joint_map: map from the controller's joints to the model's; default: identity, or the map of the arm.
 
     Raises:
-        CampaignError: it describes no robot.
+        CampaignError: the source does not describe a robot.
         OSError: a file cannot be read.
     """
     document: dict[str, Any]
@@ -99,11 +101,11 @@ def robot(
     if joint_map is not None:
         document["joint_map"] = plain_fields(joint_map)
     parsed = parse_document({"name": "robot", **document, **({"name": name} if name else {})}, RobotDocument)
-    return ModelledRobot.of(parsed, source, flange) if hasattr(source, "jointPlacements") else parsed
+    return ModelledRobot.with_model(parsed, source, flange) if hasattr(source, "jointPlacements") else parsed
 
 
 def _robot_of_text(text: str, base: str | None, flange: str | None) -> dict[str, Any]:
-    """Return the robot of a URDF, of a file, or of a name."""
+    """Return the fields of a robot: from a URDF (its text or file), a robot file, or the name of an arm."""
     if not text.lstrip().startswith("<") and Path(text).suffix.lower() not in {".urdf", ".xml"}:
         return plain_fields(read_robot(text))
     from jointstiff.service.conversion.arrays import urdf_model
@@ -120,18 +122,18 @@ def _robot_of_object(
     convention: str | None,
     units: AnyUnits,
 ) -> dict[str, Any]:
-    """Return the robot of a model of Pinocchio, or of rows."""
+    """Return the fields of a robot: from a Pinocchio model, or from rows of Denavit-Hartenberg parameters."""
     from jointstiff.service.conversion.arrays import dh_model, pinocchio_model, units_of
 
     with as_campaign_error("robot"):
-        if hasattr(source, "jointPlacements"):
+        if hasattr(source, "jointPlacements"):  # a Pinocchio model
             model, bodies = pinocchio_model(source, flange)
             return {"name": source.name or "robot", "model": model, **({"bodies": bodies} if bodies else {})}
         return {"model": dh_model(source, convention, units_of(units))}
 
 
 def plain_fields(fields: Message | Mapping[str, Any]) -> dict[str, Any]:
-    """Return a document of messages and plain values."""
+    """Return fields for JSON: messages become dictionaries, and None is left out."""
     if isinstance(fields, Message):
         return fields.model_dump(mode="json", exclude_unset=True)
     return {

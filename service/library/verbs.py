@@ -1,4 +1,4 @@
-"""The verbs of `import jointstiff` and `Client`: those of the kinds, as methods of a door."""
+"""Methods that `import jointstiff` and `Client` share: one for each kind of work, such as `identify`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Verbs:
-    """The verbs of all kinds, found by folder; each is imported when it is first used."""
+    """Base class with a method for each kind of work, imported when it is first used."""
 
     if TYPE_CHECKING:
         identify = of_run.identify
@@ -33,7 +33,7 @@ class Verbs:
     else:
 
         def __getattr__(self, name: str) -> Callable[..., Any]:
-            """Return a verb as a method."""
+            """Return the function of a kind of work, such as `identify`, as a method."""
             kind = next((kind for kind, room in ROOMS.items() if room.command == name), None)
             if kind is None:
                 raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")

@@ -44,7 +44,7 @@ from jointstiff.solver.text import length_text
 
 MOST_READINGS: Final = 200
 """Observations of an open set."""
-_OF_PRIORS: Final[Mapping[Standing, str]] = {
+_PRIOR_PHRASES: Final[Mapping[Standing, str]] = {
     "counts": "Prior knowledge counts",
     "deviates": "Prior knowledge does not count, as the readings disagree with it",
 }
@@ -53,13 +53,13 @@ Change = Literal["observation", "withdrawn", "kept", "skipped", "closed"]
 
 @dataclass(frozen=True)
 class Entry:
-    """An entry in the record of a campaign: a reading, or what became of one."""
+    """Entry in the record of a campaign: an observation, or a later decision about an observation."""
 
     change: Change
-    label: str  # of the observation; empty for the end
+    label: str  # of the observation; empty for the closing of the set
     observation: Observation | None = None
-    innovation: Innovation | None = None  # of an observation
-    held_out: HeldOut | None = None  # of an observation that came when the goal was met
+    innovation: Innovation | None = None  # how far the observation was from its prediction
+    held_out: HeldOut | None = None  # check by an observation that came when the goal was met
     reason: str | None = None  # why it was withdrawn
     joints: tuple[float, ...] = ()  # posture that was skipped
 
@@ -70,37 +70,38 @@ class Declared:
 
     robot: Robot
     header: live.MeasurementSetPost  # units, noise, frame, goal and equipment; without observations
-    resolved: ResolvedFrame | None = None  # what its frame means
-    noticed: Sequence[Finding] = ()  # about the frame
+    resolved: ResolvedFrame | None = None  # transform from the frame of the readings to R0
+    noticed: Sequence[Finding] = ()  # findings about the frame
 
     @cached_property
     def options(self) -> live.LiveOptions:
-        """Goal and equipment, with the targets and the load point of the set."""
+        """Goal and equipment of the open set, with its targets and its load point."""
         if self.header.open is None:
             raise ValueError("the set is not open")
         return self.header.open
 
     @cached_property
     def ahead(self) -> Ahead:
-        """Candidates of the readings to come.
+        """Candidates of the readings that are still to be taken, from goal, equipment and robot.
 
         Raises:
-            RequestError: targets or loads are not stated, a prior is of no joint or of no use, or no reading
-                is feasible.
+            RequestError: work area, load point, targets or loads are missing; a prior names an unknown joint
+                or cannot be used; or no reading is feasible.
         """
         options, header = self.options, self.header
         if isinstance(options.goal, DeflectionGoal | DecisionGoal) and options.work_area is None:
             raise RequestError(
                 "the goal is about deflections, and the work area is missing",
                 where="open.work_area",
-                remedy="give the corners of the box in which they matter, in R0, or the goal `joints`",
+                remedy="give two corners of the box in which deflections matter (frame R0), or "
+                "the goal `joints`",
             )
         stated = options.model_dump(include=set(ReadingOptions.model_fields) - {"priors"})
         for name in options.priors:
             self.robot.joint_index(name, f"open.priors.{name}")
         if isinstance(options.load, OwnWeight) and options.priors:
             raise RequestError(
-                "readings by own weight take no priors",
+                "measurements by the robot's own weight cannot use priors",
                 where="open.priors",
                 remedy="omit `priors`, or measure with a load",
             )
@@ -117,15 +118,16 @@ class Declared:
         )
         if options.load_point is None and not isinstance(options.load, OwnWeight):
             raise RequestError(
-                "where the load acts is missing",
+                "the load point is missing",
                 where="open.load_point",
-                remedy="give it in the flange frame, in metres, or `load_point` of the set in its unit",
+                remedy="give `open.load_point` in the flange frame in metres, or `load_point` of the set in "
+                "its unit",
             )
         force = None if isinstance(options.goal, JointsGoal) else options.goal.force
         return Ahead.of(self.robot, request, None if force is None else np.array(force))
 
     def document(self, observations: Sequence[Observation]) -> MeasurementSetDocument:
-        """Return the set of some observations; their labels and readings were checked when they came."""
+        """Return a measurement set of some observations, without validation: they were checked on arrival."""
         fields = {name: getattr(self.header, name) for name in MeasurementSetDocument.model_fields}
         return MeasurementSetDocument.model_construct(**{**fields, "observations": list(observations)})
 
@@ -133,7 +135,7 @@ class Declared:
         """Check a set of observations, and prepare the set for computation.
 
         Raises:
-            MeasurementError: they cannot be right.
+            MeasurementError: an observation cannot be right.
         """
         document, noticed = self.document(observations), list(self.noticed)
         return check_set(document, self.robot, self.resolved, noticed, robot_id=self.header.robot_id)
@@ -141,29 +143,30 @@ class Declared:
 
 @dataclass(frozen=True, eq=False)
 class LiveCampaign:
-    """A campaign with the entries of its record so far. Each change gives another one."""
+    """A campaign with the entries of its record so far. It is immutable: a change returns a new campaign."""
 
     declared: Declared
     entries: tuple[Entry, ...] = ()
-    of_label: Mapping[str, Entry] = field(init=False)  # the observations
+    of_label: Mapping[str, Entry] = field(init=False)  # label → entry of the observation
 
     def __post_init__(self) -> None:
         named = {entry.label: entry for entry in self.entries if entry.change == "observation"}
         object.__setattr__(self, "of_label", named)
 
     def with_entry(self, entry: Entry) -> LiveCampaign:
-        """Return the campaign with one more entry; with one that it has, as it is."""
+        """Return the campaign with one more entry; an entry that it has already is not added again."""
         if any(entry is each for each in self.entries):
             return self
         return LiveCampaign(self.declared, (*self.entries, entry))
 
-    def _labels(self, change: Change) -> dict[str, Entry]:
+    def _entries_by_label(self, change: Change) -> dict[str, Entry]:
+        """Return the entries of one kind of change by the labels of their observations."""
         return {entry.label: entry for entry in self.entries if entry.change == change}
 
     @property
     def observations(self) -> list[Observation]:
-        """The observations that count."""
-        withdrawn = self._labels("withdrawn")
+        """Observations that count: all that were not withdrawn, in the order in which they came."""
+        withdrawn = self._entries_by_label("withdrawn")
         return [
             entry.observation
             for label, entry in self.of_label.items()
@@ -172,18 +175,20 @@ class LiveCampaign:
 
     @property
     def closed(self) -> bool:
-        """True once no reading comes any more."""
-        return bool(self._labels("closed"))
+        """True once the set is closed and takes no more readings."""
+        return bool(self._entries_by_label("closed"))
 
     def judged(self, observation: Observation) -> Entry:
-        """Return the entry of an observation; a new one is compared with those that count.
+        """Return the entry of an observation; a new observation is compared with its prediction.
+
+        The prediction is that of the observations that count so far; the first observation has none.
 
         Raises:
-            TakenError: there is another observation of its label.
-            RequestError: the set has as many as it takes.
-            MeasurementError: it cannot be right.
+            TakenError: the set has a different observation of this label.
+            RequestError: the set has `MOST_READINGS` observations already.
+            MeasurementError: the observation cannot be right.
         """
-        known = self.of_label.get(observation.label)
+        known = self.of_label.get(observation.label)  # sent again, if it is the same observation
         if known is not None and known.observation != observation:
             raise TakenError(observation.label)
         if known is not None:
@@ -192,7 +197,7 @@ class LiveCampaign:
             raise RequestError(
                 f"an open set takes {MOST_READINGS} observations at most",
                 where="label",
-                remedy="close it, and open another one",
+                remedy="close this set, and open another set",
             )
         before = self.observations
         prepared = self.declared.prepared([*before, observation])
@@ -203,19 +208,20 @@ class LiveCampaign:
 
     @cached_property
     def _prepared(self) -> PreparedSet | None:
+        """The observations that count, prepared for computation; None without observations."""
         observations = self.observations
         return self.declared.prepared(observations) if observations else None
 
     @cached_property
     def progress(self) -> Progress:
-        """Return what the readings say so far, compared with the goal; raises as `Declared.ahead`."""
+        """Progress of the readings so far towards the goal; raises the errors of `Declared.ahead`."""
         options, observations, prepared = self.declared.options, self.observations, self._prepared
         taken = Taken(
             measurements=None if prepared is None else prepared.measurements,
             noticed=() if prepared is None else tuple(prepared.warnings),
             judged={label: entry.innovation or Innovation() for label, entry in self.of_label.items()},
-            withdrawn=frozenset(self._labels("withdrawn")),
-            kept=frozenset(self._labels("kept")),
+            withdrawn=frozenset(self._entries_by_label("withdrawn")),
+            kept=frozenset(self._entries_by_label("kept")),
             skipped=tuple(entry.joints for entry in self.entries if entry.change == "skipped"),
             check=self.of_label[observations[-1].label].held_out if observations else None,
         )
@@ -224,13 +230,13 @@ class LiveCampaign:
 
     @property
     def run_options(self) -> dict[str, Any]:
-        """Options of the run: the weight of readings without a load, and the priors that count."""
+        """Options of the run that identifies the set: `weight` for readings without a load, and `priors`."""
         return {"weight": self.progress.weight, "priors": self.progress.counting_priors}
 
     def state(self, measurement_set_id: str | None = None, run_id: str | None = None) -> live.LiveState:
-        """Return what the record says, and what to do next; with the set and the run of a closed campaign."""
+        """Return the state of the campaign and the next reading, and the ids of set and run after closing."""
         progress, result = self.progress, self.progress.result
-        state, message = self._state()
+        state, message = self._state_and_message()
         over = state in {"reached", "closed"}
         share = progress.share if self.observations else None
         known = share is not None and np.isfinite(share.greatest_share)
@@ -238,10 +244,10 @@ class LiveCampaign:
             revision=len(self.entries),
             state=state,
             message=message,
-            goal=goal_text(self.declared.options),
+            goal=describe_goal(self.declared.options),
             share=share.greatest_share if share is not None and known else None,
             still_needed=0 if over else progress.still_needed,
-            readings=self._record(),
+            readings=self._list_readings(),
             joints=progress.joints(),
             deflection_uncertainty=share.uncertainty if share is not None and known else None,
             greatest_deflection=share.greatest if share is not None and known else None,
@@ -252,13 +258,14 @@ class LiveCampaign:
             run_id=run_id,
         )
 
-    def _state(self) -> tuple[Literal["measuring", "reached", "cannot", "closed"], str]:
+    def _state_and_message(self) -> tuple[Literal["measuring", "reached", "cannot", "closed"], str]:
+        """Return the state of the campaign as a word, and a sentence for people about it."""
         count = len(self.observations)
         read = "1 reading" if count == 1 else f"{count} readings"
         return ("closed", f"closed after {read}") if self.closed else self.progress.state()
 
     def next_reading(self) -> PlannedReading | None:
-        """Return what to read next."""
+        """Return posture, load and label of the next reading; None if no reading is planned."""
         following = self.progress.next
         if following is None:
             return None
@@ -276,10 +283,10 @@ class LiveCampaign:
         )
 
     def entries_of(self, change: SetChange) -> list[Entry]:
-        """Return the entries of a change: readings withdrawn or kept, the next posture skipped.
+        """Return new entries for a change that withdraws or keeps observations, or skips the next posture.
 
         Raises:
-            RequestError: it has no such observation, or another posture is next.
+            RequestError: the set has no such observation, or the posture to skip is not the next one.
         """
         named = [*change.withdrawn, *change.kept]
         unknown = next((label for label in named if label not in self.of_label), None)
@@ -287,7 +294,7 @@ class LiveCampaign:
             raise RequestError(
                 f"the set has no observation '{unknown}'",
                 where="withdrawn" if unknown in change.withdrawn else "kept",
-                remedy="give labels of its readings",
+                remedy="give labels of readings of this set",
             )
         entries = [Entry("withdrawn", label, reason=reason) for label, reason in change.withdrawn.items()]
         entries += [Entry("kept", label) for label in change.kept]
@@ -295,31 +302,35 @@ class LiveCampaign:
             following = self.next_reading()
             if following is None or following.label != change.skipped:
                 raise RequestError(
-                    f"'{change.skipped}' is not what is read next",
+                    f"'{change.skipped}' is not the next reading",
                     where="skipped",
-                    remedy="ask what is next",
+                    remedy="get the state of the set, which names the next reading",
                 )
-            again = sum(entry.change == "skipped" for entry in self.entries)
-            entries.append(Entry("skipped", f"{following.label}/{again}", joints=tuple(following.joints)))
+            # The number makes the label unique: the next posture may have the label of the skipped one.
+            number = sum(entry.change == "skipped" for entry in self.entries)
+            entries.append(Entry("skipped", f"{following.label}/{number}", joints=tuple(following.joints)))
         return entries
 
     def closing(self) -> dict[str, object]:
-        """Return the fields of the ordinary set that it becomes.
+        """Return the fields of the ordinary measurement set that the open set becomes when it is closed.
 
         Raises:
-            RequestError: no reading counts.
+            RequestError: the set has no observation that counts.
         """
         if not self.observations:
             raise RequestError(
-                "no reading counts yet", where="close", remedy="send observations, or delete the open set"
+                "the set has no reading that counts",
+                where="close",
+                remedy="send observations, or delete the open set",
             )
         header = self.declared.header
         notes = "\n".join(filter(None, [header.notes, self.summary()]))[:MAX_NOTES_LENGTH]
         fields = {name: getattr(header, name) for name in MeasurementSetRequest.model_fields}
         return fields | {"observations": self.observations, "notes": notes}
 
-    def _record(self) -> list[live.LiveReading]:
-        withdrawn, doubtful = self._labels("withdrawn"), self.progress.doubtful
+    def _list_readings(self) -> list[live.LiveReading]:
+        """Return all readings with their states: counts, doubtful or withdrawn."""
+        withdrawn, doubtful = self._entries_by_label("withdrawn"), self.progress.doubtful
         return [
             live.LiveReading(
                 label=label,
@@ -332,11 +343,11 @@ class LiveCampaign:
         ]
 
     def summary(self) -> str:
-        """Return the declared rule, how it ended, and the readings that were withdrawn, for the report."""
-        record = self._record()
-        lines = [f"Measured live. Declared goal: {goal_text(self.declared.options)}."]
+        """Return lines for the report: the goal, how the campaign ended, and readings withdrawn or kept."""
+        readings = self._list_readings()
+        lines = [f"Measured live. Declared goal: {describe_goal(self.declared.options)}."]
         open_entries = tuple(entry for entry in self.entries if entry.change != "closed")
-        state, message = replace(self, entries=open_entries)._state()
+        state, message = replace(self, entries=open_entries)._state_and_message()
         words = message if message.startswith(state) else f"{state}: {message}"
         lines.append(f"{words[0].upper()}{words[1:]}.")
         check = self.progress.taken.check
@@ -346,17 +357,17 @@ class LiveCampaign:
                 f"prediction, {check.ball_ratio:.2f} of the distance within which 90 % of good readings "
                 "lie."
             )
-        for standing, words in _OF_PRIORS.items():
+        for standing, words in _PRIOR_PHRASES.items():
             named = [name for name, each in self.progress.standings.items() if each == standing]
             if named:
                 lines.append(f"{words}: {', '.join(named)}.")
-        lines += [f"Withdrawn {each.label}: {each.reason}." for each in record if each.state == "withdrawn"]
-        lines += [f"Kept although doubtful: {label}." for label in self._labels("kept")]
+        lines += [f"Withdrawn {each.label}: {each.reason}." for each in readings if each.state == "withdrawn"]
+        lines += [f"Kept although doubtful: {label}." for label in self._entries_by_label("kept")]
         return "\n".join(lines)
 
 
-def goal_text(options: live.LiveOptions) -> str:
-    """Return what was declared, in words."""
+def describe_goal(options: live.LiveOptions) -> str:
+    """Return the declared goal as a phrase for people."""
     goal = options.goal
     if isinstance(goal, JointsGoal):
         return f"every joint that the load can twist is known to ± {100 * goal.relative:.3g} %"

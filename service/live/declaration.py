@@ -35,14 +35,14 @@ SI: Final = Units(length="m", angle="rad", force="N")
 
 
 def goal_of(goal: str | Goal | Mapping[str, Any], force: Vector3 | None = None) -> Goal:
-    """Return a goal of words: `15 %` of every joint, `6 um` of the deflection, or `below 0.5 mm`.
+    """Return the goal that words state: `15 %` of every joint, `6 um` of the deflection, or `below 0.5 mm`.
 
     Args:
-        goal: words, or the message.
-        force: in the work area, axes of R0 [N]; None for that of the load.
+        goal: words, a document, or a goal, which is returned as it is.
+        force: force in the work area, axes of R0 [N]; None for the force of the load.
 
     Raises:
-        RequestError: the words are no goal.
+        RequestError: the words state no known goal.
     """
     if isinstance(goal, Message):
         return goal
@@ -62,7 +62,7 @@ class Scales:
 
     @classmethod
     def of(cls, units: Units, robot: Robot) -> Scales:
-        """Return the sizes of units for the joints of a robot."""
+        """Return the sizes in SI units of a set's units; a prismatic joint has the unit of length."""
         length, angle = LENGTH[units.length], ANGLE[units.angle]
         return cls(length, FORCE[units.force], tuple(np.where(robot.prismatic, length, angle).tolist()))
 
@@ -77,12 +77,13 @@ def declared(
     """Return an open set for a goal, without the id of its robot.
 
     Args:
-        robot: that is measured.
-        campaign: whose loads, targets, noise and load point hold where options say nothing; of a goal about
-            deflections also the box of its load places. Its readings do not count. None without one.
-        goal: of the open set.
-        options: fields of `LiveOptions` in SI units; `sigma` is the noise of the readings.
-        weight: by which the campaign's runs identify; None for loads.
+        robot: robot to measure.
+        campaign: earlier campaign; its loads, targets, noise and load point are used where `options` state
+            none, and for a goal about deflections the box around its load points is the work area. Its
+            readings do not count.
+        goal: goal of the open set.
+        options: fields of `LiveOptions` in SI units; `sigma` is the noise of the readings [m].
+        weight: own weight with which the campaign was identified; None if it was measured with loads.
 
     Raises:
         MeasurementError: the campaign cannot be used.
@@ -103,7 +104,7 @@ def declared(
         header["noise"] = {**own, "sigma": sigma / unit}
     if not isinstance(stated.get("load"), OwnWeight):
         stated.setdefault("load_point", (0.0, 0.0, 0.0))
-        header.pop("load_point", None)  # that of the options holds
+        header.pop("load_point", None)  # the load point of the options is used
     header["name"] = f"measured live: {robot.document.name}"[:200]
     options_of_set = LiveOptions.model_validate({**stated, "goal": goal})
     post = OpenPost.model_validate({**header, "robot_id": "robot", "open": options_of_set})
@@ -111,11 +112,11 @@ def declared(
 
 
 def completed(post: OpenPost, options: LiveOptions) -> OpenPost:
-    """Return an open set with targets and load point both in its own unit and in its options.
+    """Return an open set whose targets and load point are stated in the set (its unit) and in options [m].
 
     Args:
-        post: set, whose `flange_targets` and `load_point` hold where its options say nothing.
-        options: of the set; a load point that they alone state is that of the set.
+        post: the set; its `flange_targets` and `load_point` are copied to options that state none.
+        options: options of the set; their load point is copied to a set that states none.
     """
     length, missing = LENGTH[post.units.length], dict[str, Any]()
     if not options.targets:
@@ -134,8 +135,11 @@ def completed(post: OpenPost, options: LiveOptions) -> OpenPost:
 def _equipment_of(
     robot: Robot, measurements: Measurements, goal: Goal, weight: OwnWeight | None
 ) -> dict[str, Any]:
-    """Return loads, targets, load point and work area of a campaign."""
-    m, size = measurements, np.linalg.norm(measurements.force, axis=1)
+    """Return options of an open set from a campaign: load, targets, load point, and work area if needed.
+
+    The load is a dead weight if all forces point down. Targets nearer than 1 µm to each other are one target.
+    """
+    m, size = measurements, np.linalg.norm(measurements.force, axis=1)  # size of each force [N]
     places = targets_in_flange(robot, m)
     unique = np.sort(np.unique(np.round(places, 6), axis=0, return_index=True)[1])
     taken: dict[str, Any] = {"targets": {m.targets[t]: tuple(places[t].tolist()) for t in unique}}

@@ -51,12 +51,12 @@ _LARGEST_DEFLECTION: Final = 0.05
 
 
 class SourceError(ServiceError):
-    """A source has no reading: it stopped, repeats itself, jumped, or sent what is none."""
+    """A source gave no usable reading: it stopped, repeats itself, jumped, or sent something else."""
 
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """Campaign for which a source reads."""
+    """Campaign for which a source reads: robot, targets, load point and frame."""
 
     robot: Robot
     targets: Mapping[str, Place]  # places in the flange frame [m]
@@ -66,11 +66,11 @@ class Setting:
     frame: tuple[FloatArray, FloatArray] = field(default_factory=lambda: (np.eye(3), np.zeros(3)))
 
     def to_base(self, place: FloatArray) -> FloatArray:
-        """Return a reading (3,) in R0 [m]."""
+        """Transform a position (3,) [m] from the frame of the readings to R0."""
         return np.asarray(self.frame[0] @ place + self.frame[1])
 
     def from_base(self, place: FloatArray) -> FloatArray:
-        """Return a place (3,) of R0 in the frame of the readings [m]."""
+        """Transform a position (3,) [m] from R0 to the frame of the readings."""
         return np.asarray(self.frame[0].T @ (place - self.frame[1]))
 
 
@@ -80,8 +80,8 @@ class Stand:
 
     label: str
     joints: tuple[float, ...]  # as the controller shows them [rad or m]
-    force: Place  # of the posture's load, axes of R0 [N]
-    loaded: bool  # whether it acts now
+    force: Place  # force of the posture's load, axes of R0 [N]
+    loaded: bool  # whether the load acts now
 
 
 class Source(ABC):
@@ -91,36 +91,36 @@ class Source(ABC):
     """True if nobody moves an arm and hangs a weight: no question is asked before each reading."""
 
     async def open(self, setting: Setting) -> None:  # noqa: B027 - most sources do not ask
-        """Get ready.
+        """Get ready to read for a campaign, for instance connect to the instrument.
 
         Raises:
-            SourceError: it cannot be reached.
+            SourceError: the instrument cannot be reached.
         """
 
     async def profile(self) -> str | None:
-        """Return how readings are understood, to be confirmed in the first posture; None for no question."""
+        """Return how readings are understood, for the user to confirm once; None if there is no question."""
         return None
 
     async def stand(self, stand: Stand) -> None:  # noqa: B027 - most sources do not ask
-        """Hear in which posture and under which load the targets are read from now on."""
+        """Take note of the posture and the load in which the targets are read from now on."""
 
     @abstractmethod
     async def point(self, name: str) -> Point:
-        """Read a target.
+        """Read a target; return its position [m], and its uncertainty [m] or None for that of the campaign.
 
         Raises:
-            SourceError: there is no reading.
+            SourceError: the source gives no reading.
         """
 
     async def close(self) -> None:  # noqa: B027 - most sources hold nothing
-        """Let go of what is held."""
+        """Release connections and devices."""
 
 
 def source_of(text: str, options: Mapping[str, Any]) -> Source:
-    """Return the source of a text such as `simulated:1`, its options as it takes them.
+    """Make the source that a text such as `simulated:1` names; options that are None are left out.
 
     Raises:
-        RequestError: there is no such source, or it does not take an option.
+        RequestError: no source has this name, or the source does not take an option.
     """
     name, _, address = text.partition(":")
     known = {"simulated": Simulated, "lines": Lines, "robodk": RoboDk}
@@ -134,23 +134,26 @@ def source_of(text: str, options: Mapping[str, Any]) -> Source:
                 remedy=f"give one of {', '.join(sorted({*known, *named}))}, such as simulated:1",
             )
         found = named[name].load()
-    given = {key: value for key, value in options.items() if value is not None}
+    stated = {key: value for key, value in options.items() if value is not None}
     taken = inspect.signature(found).parameters
     if not any(each.kind is inspect.Parameter.VAR_KEYWORD for each in taken.values()):
-        for key in given:
+        for key in stated:
             if key not in taken:
                 raise RequestError(
                     f"the source '{name}' takes no `{key}`", where="source", remedy=f"omit `{key}`"
                 )
-    made: Source = found(address, **given)
-    return made
+    source: Source = found(address, **stated)
+    return source
 
 
 class Checked:
-    """A source whose readings are checked before they count; what is no reading is reported."""
+    """A source whose readings are checked before they count; an implausible reading raises an error."""
 
     def __init__(self, source: Any, setting: Setting, patience: float = PATIENCE) -> None:  # noqa: ANN401
-        """Look at the readings of a source, which has `point` at least."""
+        """Check the readings of a source, an object that has at least the method `point`.
+
+        `patience` is the time to wait for each answer of the source [s].
+        """
         self._source, self._setting, self._patience = source, setting, patience
         self._seen: set[Place] = set()
         self._stand: Stand | None = None  # announced to the source, and not read yet
@@ -161,57 +164,67 @@ class Checked:
         await self._call_if_there("open", self._setting)
 
     async def profile(self, stand: Stand) -> str | None:
-        """Return how readings are understood, to be confirmed; None if there is no question."""
+        """Announce a posture; return how readings are understood, for a user to confirm, or None."""
         await self._call_if_there("stand", stand)
         self._stand = stand
         profile: str | None = await self._call_if_there("profile")
         return profile
 
     async def close(self) -> None:
-        """Let go of what the source holds."""
+        """Let the source release its connections; its errors are ignored."""
         with suppress(SourceError):
             await self._call_if_there("close")
 
     async def read(self, stand: Stand) -> dict[str, Point]:
-        """Return all targets in a posture, with or without its load.
+        """Read all targets in a posture, with or without load; return target → position and uncertainty [m].
 
         Raises:
             SourceError: the source has stopped, repeats itself, jumped, or sent what is no reading.
         """
         if self._stand != stand:
             await self._call_if_there("stand", stand)
-        self._stand = None  # to read again is to begin again
+        self._stand = None  # a second reading in this posture is announced to the source again
         points: dict[str, Point] = {}
         for name in self._setting.targets:
             points[name] = point = await self._require_reading(name)
-            self._look_at(stand, name, np.array(point[0]), points)
+            self._refuse_implausible(stand, name, np.array(point[0]), points)
         places = {name: np.array(place) for name, (place, _) in points.items()}
         self._seen |= {place for place, _ in points.values()}
         self._unloaded = {} if stand.loaded else places
         return points
 
     async def _call_if_there(self, what: str, *arguments: object) -> Any:  # noqa: ANN401 - whatever a source answers
-        """Call a method that a source may have."""
+        """Call a method of the source by name and return its answer; None if the source lacks the method.
+
+        Raises:
+            SourceError: the source does not answer in time, or cannot be reached.
+        """
         method = getattr(self._source, what, None)
         if method is None:
             return None
         try:
             return await asyncio.wait_for(method(*arguments), self._patience)
         except TimeoutError:
-            raise self._stopped() from None
+            raise self._silent_error() from None
         except OSError as error:
             raise SourceError(
-                f"the source cannot be reached: {error}", remedy="look at its address and its cable"
+                f"the source cannot be reached: {error}",
+                remedy="check the address and the cable of the source",
             ) from error
 
-    def _stopped(self) -> SourceError:
+    def _silent_error(self) -> SourceError:
+        """Return the error of a source that sent nothing in time."""
         return SourceError(
             f"the source sent nothing for {self._patience:g} s",
-            remedy="look at the instrument and its cable, then read again",
+            remedy="check the instrument and its cable, then read again",
         )
 
     async def _require_reading(self, name: str) -> Point:
-        """Return a reading that is one."""
+        """Read a target from the source; return its position and uncertainty [m] as numbers.
+
+        Raises:
+            SourceError: the source's answer cannot be the position of a target.
+        """
         answer = await self._call_if_there("point", name)
         try:
             place, sigma = answer
@@ -222,35 +235,37 @@ class Checked:
                 f"{name}: {str(answer)[:80]!r} is not a position and its uncertainty",
                 remedy="let `point` return three numbers in metres, and a number or None",
             ) from None
-        sound = all(abs(part) <= _FARTHEST for part in (x, y, z))  # which NaN is not, either
-        if not sound or (sigma is not None and not 0.0 < sigma < 1.0):
+        is_near = all(abs(part) <= _FARTHEST for part in (x, y, z))  # False also for NaN
+        if not is_near or (sigma is not None and not 0.0 < sigma < 1.0):
             raise SourceError(
-                f"{name}: ({x:g}, {y:g}, {z:g}) m is no position of a target",
-                remedy="look at the unit and the columns of the source",
+                f"{name}: ({x:g}, {y:g}, {z:g}) m cannot be the position of a target",
+                remedy="check the unit and the columns of the source",
             )
         return (x, y, z), sigma
 
-    def _look_at(self, stand: Stand, name: str, place: FloatArray, points: Mapping[str, Point]) -> None:
-        """Refuse a reading that repeats another one, or jumped.
+    def _refuse_implausible(
+        self, stand: Stand, name: str, place: FloatArray, points: Mapping[str, Point]
+    ) -> None:
+        """Compare the position (3,) [m] of a target with earlier readings, the flange and the posture.
 
         Raises:
-            SourceError: it does.
+            SourceError: the position repeats an earlier reading, or is too far from where it must be.
         """
         others = {other: point for other, (point, _) in points.items() if other != name}
         if points[name][0] in self._seen.union(others.values()):
             raise SourceError(
                 f"{name}: the source repeats an earlier reading, digit by digit",
-                remedy="look whether the instrument still measures, then read again",
+                remedy="check that the instrument still measures, then read again",
             )
         setting, flange = self._setting, {n: np.array(p) for n, p in self._setting.targets.items()}
         for other, there in others.items():
-            held = float(np.linalg.norm(flange[name] - flange[other]))
-            apart = float(np.linalg.norm(place - there))
-            if abs(apart - held) > _STRETCH:
+            on_flange = float(np.linalg.norm(flange[name] - flange[other]))
+            measured = float(np.linalg.norm(place - there))
+            if abs(measured - on_flange) > _STRETCH:
                 raise SourceError(
-                    f"the source has jumped: {name} is {1e3 * apart:.0f} mm from {other}, and "
-                    f"{1e3 * held:.0f} mm on the flange",
-                    remedy="look which target the instrument sees, then read again",
+                    f"the source has jumped: {name} is {1e3 * measured:.0f} mm from {other}, and "
+                    f"{1e3 * on_flange:.0f} mm on the flange",
+                    remedy="check which target the instrument sees, then read again",
                 )
         if stand.loaded:
             before = self._unloaded.get(name)
@@ -258,7 +273,7 @@ class Checked:
             if moved > _LARGEST_DEFLECTION:
                 raise SourceError(
                     f"the source has jumped: {name} is {1e3 * moved:.0f} mm from where it was without load",
-                    remedy="look whether the arm is still in the posture, then read again",
+                    remedy="check that the arm is still in the posture, then read again",
                 )
             return
         angles = setting.robot.joint_map.model_angles(np.array([stand.joints]))
@@ -267,7 +282,7 @@ class Checked:
         if astray > _ASTRAY:
             raise SourceError(
                 f"the source has jumped: {name} is {astray:.3g} m from where the robot holds it",
-                remedy="look at the posture, the frame of the readings and their unit, then read again",
+                remedy="check the posture, and the frame and the unit of the readings, then read again",
             )
 
 
@@ -284,24 +299,26 @@ _SPREAD: Final = 0.35
 
 
 class Simulated(Source):
-    """A simulated arm: plausible stiffnesses by a seed, springs in exact balance with the load, and noise."""
+    """A simulated arm with random plausible stiffnesses, exact balance of springs and load, and noise."""
 
     by_itself = True
 
     def __init__(self, address: str = "") -> None:
-        """Draw stiffnesses and noise by a seed, 1 if none is given.
+        """Seed the random stiffnesses and the noise by the address; an empty address is the seed 1.
 
         Raises:
-            RequestError: it is no seed.
+            RequestError: the address is not a whole number.
         """
         if not (address or "1").isdecimal():
             raise RequestError(
-                f"'{address}' is no seed of a simulated arm", where="source", remedy="write simulated:1"
+                f"'{address}' is not a seed of a simulated arm",
+                where="source",
+                remedy="give a whole number, as in simulated:1",
             )
         self._random = np.random.default_rng(int(address or 1))
 
     async def open(self, setting: Setting) -> None:
-        """Draw the stiffnesses of the campaign's robot."""
+        """Draw random stiffnesses of the joints of the campaign's robot."""
         robot = setting.robot
         self._setting = setting
         self.stiffness: FloatArray = plausible_stiffness(robot, self._random)  # (n,) [N·m/rad or N/m]
@@ -309,15 +326,16 @@ class Simulated(Source):
         self._model = JointModel(robot, 1.0 / self.stiffness, None, bounds)
 
     async def stand(self, stand: Stand) -> None:
-        """Bend the arm.
+        """Compute the positions of all targets in a posture, bent by the load if it acts.
 
         Raises:
-            SourceError: it finds no balance.
+            SourceError: springs and load have no balance.
         """
         names, setting = list(self._setting.targets), self._setting
         count = len(names)
 
         def rows(values: object) -> FloatArray:
+            """Repeat values (m,) in a row for each target (T, m)."""
             return np.tile(np.asarray(values, dtype=np.float64), (count, 1))
 
         force = stand.force if stand.loaded else (0.0, 0.0, 0.0)
@@ -335,17 +353,17 @@ class Simulated(Source):
         self._places = dict(zip(names, places, strict=True))
 
     async def point(self, name: str) -> Point:
-        """Read a target, with noise of the campaign's size."""
+        """Return the computed position of a target with normal noise of the campaign's sigma."""
         noise = self._setting.sigma * self._random.standard_normal(3)
         x, y, z = (self._setting.from_base(self._places[name]) + noise).tolist()
         return (x, y, z), None
 
 
 def plausible_stiffness(robot: Robot, random: np.random.Generator) -> FloatArray:
-    """Return stiffnesses (n,) such as arms of this size have [N·m/rad, N/m of a prismatic joint].
+    """Draw stiffnesses (n,) such as arms of this size have [N·m/rad, N/m of a prismatic joint].
 
-    A joint is as stiff as the square of its distance from the flange asks for, so that all of them move the
-    tool by similar lengths; an arm of twice the size is eight times as stiff.
+    The stiffness grows with the square of the joint's distance from the flange, so that all joints move the
+    tool by similar lengths, and with the cube of the arm's size. Each is multiplied by a lognormal factor.
     """
     zero = np.zeros((1, robot.n))
     origins = Postures(robot, zero).joint_frames[1][0]
@@ -378,24 +396,24 @@ class Profile:
     """Form of a line of text, and its unit."""
 
     pattern: re.Pattern[str]  # with groups x, y, z, and target, sigma if they are there
-    how: str  # it is read, in words
+    how: str  # words for people about how a line is read
     unit: str  # of lengths
 
     @classmethod
     def of(cls, pattern: str | None, columns: str | None, unit: str) -> Profile:
-        """Return the profile of stated texts.
+        """Return the profile for a regular expression or for names of columns; else that of usual lines.
 
         Raises:
-            RequestError: they name no coordinates, or both are given.
+            RequestError: x, y and z are not named, both are given, or the unit is unknown.
         """
         if unit not in _LENGTHS:
             raise RequestError(
-                f"'{unit}' is no unit of length",
+                f"'{unit}' is not a unit of length",
                 where="source_unit",
                 remedy=f"give one of {', '.join(_LENGTHS)}",
             )
         if pattern is None:
-            return cls._of_columns(
+            return cls._from_columns(
                 [name.strip() for name in (columns or "").split(",") if name.strip()], unit
             )
         if columns is not None:
@@ -406,7 +424,9 @@ class Profile:
             compiled = re.compile(pattern)
         except re.error as error:
             raise RequestError(
-                f"the pattern is no regular expression: {error}", where="pattern", remedy="correct it"
+                f"the pattern is not a valid regular expression: {error}",
+                where="pattern",
+                remedy="correct it",
             ) from error
         if not {"x", "y", "z"} <= set(compiled.groupindex):
             raise RequestError(
@@ -417,7 +437,12 @@ class Profile:
         return cls(compiled, f"by the pattern {pattern}", unit)
 
     @classmethod
-    def _of_columns(cls, names: list[str], unit: str) -> Profile:
+    def _from_columns(cls, names: list[str], unit: str) -> Profile:
+        """Return the profile of cells in the order of their names; `-` is a cell that is not read.
+
+        Raises:
+            RequestError: the names do not include x, y and z, or one is unknown or repeated.
+        """
         known = [name for name in names if name != "-"]
         if names and (not {"x", "y", "z"} <= set(known) <= set(_FIELDS) or len(known) != len(set(known))):
             raise RequestError(
@@ -431,7 +456,7 @@ class Profile:
         return cls(re.compile(rf"^[,;\s]*{text}[,;\s]*$"), how, unit)
 
     def read(self, line: str) -> tuple[str | None, Point] | None:
-        """Return target and position of a line; None if it is no reading."""
+        """Return target (None if not named) and position [m] of a line; None if the line is no reading."""
         match = self.pattern.search(line)
         parts = {} if match is None else {k: v for k, v in match.groupdict().items() if v is not None}
         try:
@@ -443,8 +468,8 @@ class Profile:
             return None
         return parts.get("target"), ((x, y, z), sigma)
 
-    def words(self, line: str | None) -> str:
-        """Return the profile in words, with a line that it reads."""
+    def describe(self, line: str | None) -> str:
+        """Return a description of the profile for people, with a line and how it is read."""
         text = f"lines are read {self.how}, lengths in {self.unit}"
         reading = None if line is None else self.read(line)
         if reading is None:
@@ -471,21 +496,21 @@ class Lines(Source):
         sample: bool = True,
         warn: Callable[[str], object] = lambda _: None,
     ) -> None:
-        """Read lines.
+        """Set up a source of lines; `open` connects to the address.
 
         Args:
             address: file of a serial line, `tcp://host:port`, or `udp://[host]:port` to listen at.
             pattern: regular expression with the named groups x, y, z, and target, sigma if they are there.
             columns: names of columns in order, such as `target,x,y,z`; default: by the number of cells.
             source_unit: unit of lengths, mm, m, um or in.
-            request: text that is sent before each reading, and a newline, with {target}, {state}, {label},
-                {joints}, {force}; none if absent.
+            request: text that is sent, with a newline, before each reading; {target}, {state}, {label},
+                {joints} and {force} in it are replaced. None: nothing is sent.
             baud: bits a second of a serial line.
-            sample: whether a line is awaited first, to show how it is read.
-            warn: called with what is no reading.
+            sample: whether `profile` waits for a line, to show how it is read.
+            warn: function that is called with a message about each line that is no reading.
 
         Raises:
-            RequestError: an address or a profile cannot be understood.
+            RequestError: the address or the profile cannot be understood.
         """
         self._profile = Profile.of(pattern, columns, source_unit)
         self._address, self._url = address, urlsplit(address)
@@ -498,13 +523,15 @@ class Lines(Source):
         missing = is_net and (port is None or (self._url.scheme == "tcp" and not self._url.hostname))
         if missing or not address or (self._url.scheme and not is_net):
             raise RequestError(
-                f"'{address}' is no address of lines",
+                f"'{address}' is not an address from which lines can be read",
                 where="source",
                 remedy="write lines:/dev/ttyUSB0, lines:tcp://host:port or lines:udp://:port",
             )
         if request is not None and self._url.scheme == "udp":
             raise RequestError(
-                "UDP is only listened to", where="request", remedy="omit `request`, or use TCP"
+                "a source by UDP only receives, and sends no request",
+                where="request",
+                remedy="omit `request`, or use TCP",
             )
         self._lines: deque[str] = deque(maxlen=_KEPT_LINES)
         self._waiting: dict[str, Point] = {}
@@ -515,25 +542,25 @@ class Lines(Source):
         self._send: Callable[[bytes], object] = lambda _: None
 
     async def open(self, setting: Setting) -> None:
-        """Connect."""
-        self._came = asyncio.Event()
+        """Connect to the address."""
+        self._came = asyncio.Event()  # set when a line came or the source ended
         self._first = next(iter(setting.targets), "")
         await self._connect()
 
     async def profile(self) -> str | None:
-        """Return the profile in words, with the first line as it is read."""
+        """Return the description of the profile, with the first line that is a reading."""
         if not self._sample:
-            return self._profile.words(None)
+            return self._profile.describe(None)
         self._request_reading(self._first)
         line = await self._next_line()
         while self._profile.read(line) is None:
-            self._is_rubbish(line)
+            self._warn_of(line)
             line = await self._next_line()
-        self._lines.appendleft(line)  # it is the first reading, too
-        return self._profile.words(line)
+        self._lines.appendleft(line)  # put back, as it is also the first reading
+        return self._profile.describe(line)
 
     async def stand(self, stand: Stand) -> None:
-        """Forget what came before: it is of another posture or another load."""
+        """Forget lines that came before, as they belong to another posture or another load."""
         if self._ended is not None:
             await self._connect()
         self._stand = stand
@@ -541,7 +568,11 @@ class Lines(Source):
         self._waiting.clear()
 
     async def point(self, name: str) -> Point:
-        """Return the next line of a target."""
+        """Return the next reading of a target; readings of other targets are kept until they are requested.
+
+        Raises:
+            SourceError: the source has stopped, or sent too many lines that are no readings.
+        """
         if name in self._waiting:
             return self._waiting.pop(name)
         useless, requested = 0, False
@@ -552,7 +583,7 @@ class Lines(Source):
             line = await self._next_line()
             reading = self._profile.read(line)
             if reading is None:
-                self._is_rubbish(line)
+                self._warn_of(line)
                 useless += 1
                 continue
             target, point = reading
@@ -561,19 +592,20 @@ class Lines(Source):
             self._waiting[str(target)] = point
         raise SourceError(
             f"the source sent {_RUBBISH} lines that are no readings",
-            remedy="state their form by `columns` or `pattern`",
+            remedy="state the form of a line by `columns` or `pattern`",
         )
 
     async def close(self) -> None:
-        """Let go of the connection."""
+        """Close the connection."""
         self._let_go()
 
-    def _is_rubbish(self, line: str) -> None:
+    def _warn_of(self, line: str) -> None:
+        """Report a line that is no reading."""
         shown = "".join(c if c.isprintable() else "�" for c in line)[:80]
-        self._warn(f"{shown!r} is no reading, and does not count")
+        self._warn(f"{shown!r} is not a reading and is ignored")
 
     def _request_reading(self, name: str) -> None:
-        """Send the text that asks for a reading, if there is one."""
+        """Send the text that requests a reading of a target; nothing if the source has no such text."""
         if self._request is None:
             return
         stand = self._stand
@@ -588,7 +620,7 @@ class Lines(Source):
         self._send(text.encode() + b"\n")
 
     async def _next_line(self) -> str:
-        """Return the next line.
+        """Return the next line that came; wait for a line if none is left.
 
         Raises:
             SourceError: the source has ended.
@@ -596,25 +628,26 @@ class Lines(Source):
         while not self._lines:
             if self._ended is not None:
                 raise SourceError(
-                    f"the source has stopped: {self._ended}", remedy="start it again, then read again"
+                    f"the source has stopped: {self._ended}", remedy="start the source again, then read again"
                 )
             self._came.clear()
             await self._came.wait()
         return self._lines.popleft()
 
     def _receive(self, data: bytes) -> None:
-        """Take in what came."""
+        """Split received bytes into lines; an incomplete last line waits in the buffer."""
         *whole, rest = re.split(rb"[\r\n]+", self._buffer + data)
         self._buffer = rest[-_LONGEST_LINE:]
         self._lines.extend(line.decode("utf-8", "replace") for line in whole if line.strip())
         self._came.set()
 
     def _end_source(self, reason: str) -> None:
+        """Note why no more lines come, and wake the reader."""
         self._ended = reason
         self._came.set()
 
     async def _connect(self) -> None:
-        """Connect to the address; a connection that ended is made anew."""
+        """Connect to the address, by TCP, UDP or a serial line; an earlier connection is closed first."""
         self._let_go()
         self._buffer, loop, url = b"", asyncio.get_running_loop(), self._url
         if url.scheme == "tcp":
@@ -631,9 +664,11 @@ class Lines(Source):
         self._ended = None
 
     def _connect_serial(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Open the serial line and let the event loop read from it."""
         descriptor = _serial_line(self._address, self._baud)
 
-        def arrived() -> None:
+        def receive_available() -> None:
+            """Read what came; end the source if the line was hung up."""
             reason = "the line was hung up"
             try:
                 data = os.read(descriptor, 4096)
@@ -652,7 +687,7 @@ class Lines(Source):
             os.close(descriptor)
             self._let_go = lambda: None
 
-        loop.add_reader(descriptor, arrived)
+        loop.add_reader(descriptor, receive_available)
         self._send, self._let_go = lambda data: os.write(descriptor, data), let_go
 
 
@@ -660,7 +695,7 @@ def _serial_line(address: str, baud: int) -> int:
     """Open a serial line; return its descriptor.
 
     Raises:
-        SourceError: it is none, or has no such speed.
+        SourceError: the file is not a serial line, or the line has no such speed.
     """
     import termios
     import tty
@@ -671,17 +706,17 @@ def _serial_line(address: str, baud: int) -> int:
         is_line = os.isatty(descriptor)
         os.close(descriptor)
         if is_line:
-            raise SourceError(f"{baud} is no speed of a serial line", remedy="give 9600 or 115200")
-        raise SourceError(f"{address} is no serial line", remedy="give its device, such as /dev/ttyUSB0")
+            raise SourceError(f"{baud} is not a speed of a serial line", remedy="give 9600 or 115200")
+        raise SourceError(f"{address} is not a serial line", remedy="give its device, such as /dev/ttyUSB0")
     tty.setraw(descriptor)
     modes = termios.tcgetattr(descriptor)
-    modes[4] = modes[5] = speed
+    modes[4] = modes[5] = speed  # input and output
     termios.tcsetattr(descriptor, termios.TCSANOW, modes)
     return descriptor
 
 
 class _Stream(asyncio.Protocol):
-    """A TCP connection."""
+    """TCP connection that hands what it receives to a source of lines."""
 
     def __init__(self, lines: Lines) -> None:
         self._lines = lines
@@ -694,7 +729,7 @@ class _Stream(asyncio.Protocol):
 
 
 class _Datagrams(asyncio.DatagramProtocol):
-    """Datagrams of the first sender whose line is a reading."""
+    """UDP socket that takes only datagrams of the first sender whose line is a reading."""
 
     def __init__(self, lines: Lines) -> None:
         self._lines, self._sender = lines, None
@@ -709,29 +744,29 @@ class _Datagrams(asyncio.DatagramProtocol):
 
 
 class RoboDk(Source):
-    """The laser tracker of a RoboDK station, and its simulated robot or the one that is connected."""
+    """The laser tracker of a RoboDK station, with a simulated or a connected robot."""
 
     def __init__(self, address: str = "") -> None:
         """Connect to RoboDK.
 
         Raises:
-            SourceError: the package `robodk` is not there.
+            SourceError: the package `robodk` is not installed.
         """
         try:
             from robodk import robolink  # type: ignore[import-not-found]
         except ImportError:
             raise SourceError(
-                "the source robodk needs RoboDK's package, which is not there",
+                "the source `robodk` needs RoboDK's Python package, which is not installed",
                 remedy="install it with `pip install robodk`, and start RoboDK",
             ) from None
         self._link, self._name = robolink.Robolink(), address
 
     async def open(self, setting: Setting) -> None:
-        """Remember where targets are expected."""
+        """Remember the campaign, whose robot tells where targets are expected."""
         self._setting = setting
 
     async def stand(self, stand: Stand) -> None:
-        """Expect the targets where the robot holds them."""
+        """Compute where the robot holds the targets in a posture, for the tracker [mm]."""
         setting, names = self._setting, list(self._setting.targets)
         now = Postures(setting.robot, setting.robot.joint_map.model_angles(np.array([stand.joints])))
         places = now.to_base(np.array([[setting.targets[name] for name in names]], dtype=np.float64))[0]
@@ -740,9 +775,11 @@ class RoboDk(Source):
         }
 
     async def point(self, name: str) -> Point:
-        """Measure a target by the tracker, which looks for it where it is expected."""
+        """Measure a target by the tracker, which searches at the expected position; return its place [m]."""
         measured = await asyncio.to_thread(self._link.LaserTracker_Measure, self._expected[name], True)
         if measured is None:
-            raise SourceError(f"the tracker did not find {name}", remedy="aim at it, then read again")
+            raise SourceError(
+                f"the tracker did not find {name}", remedy="aim the tracker at the target, then read again"
+            )
         x, y, z = (1e-3 * float(part) for part in measured)
         return (x, y, z), None

@@ -47,28 +47,28 @@ class OpenSets:
     """The open sets of a store."""
 
     def __init__(self, resources: Resources, create_run: CreateRun) -> None:
-        """Serve the open sets of a store; a closed one is identified by `create_run`."""
+        """Serve the open sets of a store; `create_run` stores the run that identifies a closed set."""
         self._resources, self._store, self._create_run = resources, resources.store, create_run
-        self._declared = lru_cache(_CAMPAIGNS)(self._load_campaign)
+        self._declared = lru_cache(_CAMPAIGNS)(self._load_declaration)
         self._ready: dict[str, LiveCampaign] = {}
 
     def create(
         self, request: live.MeasurementSetPost, options: live.LiveOptions, key: IdempotencyKey | None
     ) -> str:
-        """Declare a set, with the observations that there are already; return its id.
+        """Store a new open set, with observations if the request has some; return its id.
 
         Raises:
-            RequestError: robot, plan, targets or loads are missing, or nothing can be read.
+            RequestError: robot, plan, targets or loads are missing, or no reading is feasible.
             MeasurementError: an observation cannot be right.
         """
         if key is not None and (before := self._store.open_sets.find(key)) is not None:
             return before.id
-        options, robot_id = self._options_of_plan(options, request.robot_id)
+        options, robot_id = self._complete_by_plan(options, request.robot_id)
         header = completed(request.model_copy(update={"observations": [], "robot_id": robot_id}), options)
         resolved, noticed = resolve_frame(self._store, header)
         robot, _ = self._resources.robot(robot_id, "robot_id")
         campaign = LiveCampaign(Declared(robot, header, resolved, noticed))
-        _ = campaign.declared.ahead  # refuses what cannot be measured
+        _ = campaign.declared.ahead  # raises an error now if no reading is feasible
         for observation in request.observations:
             campaign = campaign.with_entry(campaign.judged(observation))
         record = OpenSetRecord(
@@ -87,61 +87,64 @@ class OpenSets:
         return stored.id
 
     def observe(self, set_id: str, observation: Observation, by: AccessKey | None) -> live.LiveState:
-        """Take in an observation; the same one again changes nothing.
+        """Add an observation to an open set; return the state of the set. A repeated call changes nothing.
 
         Raises:
             NotFoundError: there is no such open set.
-            ClosedError: it is closed.
-            TakenError: it has another observation of this label.
-            MeasurementError: it cannot be right.
+            ClosedError: the set is closed.
+            TakenError: the set has a different observation of this label.
+            MeasurementError: the observation cannot be right.
         """
         entry = self._campaign(set_id).judged(observation)
-        if self._add_entry(set_id, entry, by).observation != observation:  # another one came meanwhile
+        # Another observation with this label may have come first.
+        if self._add_entry(set_id, entry, by).observation != observation:
             raise TakenError(observation.label)
         return self.state(set_id)
 
     def change(self, set_id: str, change: SetChange, by: AccessKey | None) -> None:
-        """Withdraw readings, keep doubtful ones, or skip the posture that is next.
+        """Withdraw observations, keep doubtful observations, or skip the next posture.
 
         Raises:
             NotFoundError: there is no such open set.
-            RequestError: it has no such observation, or another posture is next.
+            RequestError: the set has no such observation, or the posture to skip is not the next one.
         """
         for entry in self._campaign(set_id).entries_of(change):
             self._add_entry(set_id, entry, by)
 
     def close(self, set_id: str, by: AccessKey | None) -> live.LiveState:
-        """Make an ordinary set of what was read, and identify it; to do so again changes nothing.
+        """Turn an open set into an ordinary measurement set, and create its run; return the last state.
+
+        A repeated call creates nothing again.
 
         Raises:
             NotFoundError: there is no such open set.
-            RequestError: no reading counts.
-            JointstiffError: as the run's request does; the set is kept then.
+            RequestError: the set has no observation that counts.
+            JointstiffError: the run cannot be created; the measurement set is stored nevertheless.
         """
         campaign = self._campaign(set_id)
-        fields = campaign.closing()
+        fields = campaign.closing()  # raises an error before the set is closed
         if not campaign.closed:
             self._add_entry(set_id, Entry("closed", ""), by)
             campaign = self._campaign(set_id)
-            fields = campaign.closing()  # with what came meanwhile
+            fields = campaign.closing()  # again, with observations that came meanwhile
         with suppress(NotFoundError):
             self._store.sets.get(set_id)
             return self.state(set_id)
         request: Any = MeasurementSetRequest.model_construct(**fields)  # type: ignore[arg-type]
         self._resources.sets.create(request, None, set_id)
-        self._run(set_id, campaign, by)
+        self._create_run_once(set_id, campaign, by)
         return self.state(set_id)
 
     def state(self, set_id: str) -> live.LiveState:
-        """Return what the record says, and what is next; raises `NotFoundError`."""
+        """Return the state of a set with the next reading, or once closed its run; raises `NotFoundError`."""
         campaign = self._campaign(set_id)
         if not campaign.closed:
             return campaign.state()
-        run_id = self._run(set_id, campaign, None) if self._is_stored(set_id) else None
+        run_id = self._create_run_once(set_id, campaign, None) if self._is_stored(set_id) else None
         return campaign.state(set_id if run_id else None, run_id)
 
     def revision(self, set_id: str) -> int:
-        """Return the number of entries in the record; raises `NotFoundError`."""
+        """Return the number of entries in the record of a set; raises `NotFoundError`."""
         return len(self._campaign(set_id).entries)
 
     def document(self, set_id: str) -> live.MeasurementSet:
@@ -163,12 +166,12 @@ class OpenSets:
         )
 
     def page(self, query: SetQuery) -> Page[MeasurementSetSummary]:
-        """List the sets that are still measured; only some filters of a query narrow them."""
+        """Return one page of the sets that are not closed; filters that they do not have are ignored."""
         page = self._store.open_sets.page(**OpenSetQuery.of(query).listing())
         return Page(items=[self.summary(each) for each in page.records], next=page.next, total=page.total)
 
     def summary(self, record: OpenSetRecord) -> MeasurementSetSummary:
-        """Return a set as it is listed."""
+        """Return the summary of an open set for listings."""
         campaign = self._campaign(record.id)
         return MeasurementSetSummary(
             id=record.id,
@@ -183,25 +186,26 @@ class OpenSets:
         )
 
     def is_open(self, set_id: str) -> bool:
-        """Return whether an id is that of a set that is not closed, deleted or not."""
+        """Return whether an id belongs to an open set that was not closed; the set may be deleted."""
         with suppress(NotFoundError):
             self._store.open_sets.get(set_id, hidden=True)
             return not any(entry.change == "closed" for entry in self._store.live_entries.of(set_id=set_id))
         return False
 
     def changed(self, set_id: str, change: SetChange, by: AccessKey | None) -> MeasurementSetSummary:
-        """Change the record of an open set, delete it or restore it; return it as it is listed.
+        """Change the record of an open set, delete the set or restore it; return its summary.
 
         Raises:
-            NotFoundError: it was deleted.
-            RequestError: it has no such observation, another posture is next, or its name is to change.
+            NotFoundError: there is no such open set, or it was deleted.
+            RequestError: the set has no such observation, the posture to skip is not the next one, or a
+                declared field would change.
         """
         stated = change.model_fields_set - {"deleted", "withdrawn", "kept", "skipped"}
         if stated:
             raise RequestError(
-                "what is declared of an open set does not change",
+                "the declaration of an open set cannot be changed",
                 where=min(stated),
-                remedy="close it first, or delete it and open another one",
+                remedy="close the set first, or delete it and open another set",
             )
         if change.deleted is False:
             self._store.open_sets.restore(set_id)
@@ -213,16 +217,23 @@ class OpenSets:
         return summary
 
     def _is_stored(self, set_id: str) -> bool:
+        """Return whether the ordinary measurement set of a closed set exists."""
         with suppress(NotFoundError):
             return bool(self._store.sets.get(set_id))
         return False
 
-    def _run(self, set_id: str, campaign: LiveCampaign, by: AccessKey | None) -> str:
+    def _create_run_once(self, set_id: str, campaign: LiveCampaign, by: AccessKey | None) -> str:
+        """Create the run of a closed set, or find the run that was created before; return its id."""
+        # A fixed idempotency key lets the store find the first run again.
         key = IdempotencyKey(f"closed {set_id}", "closed")
         return self._create_run(RunRequest(measurement_set_id=set_id, **campaign.run_options), key, by)
 
     def _campaign(self, set_id: str) -> LiveCampaign:
-        """Return a campaign with all entries of its record; those that are known stay as they are."""
+        """Return a campaign with all entries of its record; only entries since the last call are added.
+
+        Raises:
+            NotFoundError: there is no such open set, or it was deleted.
+        """
         entries = [
             _ENTRY.validate_json(entry.document) for entry in self._store.live_entries.of(set_id=set_id)
         ]
@@ -231,14 +242,14 @@ class OpenSets:
             ready = LiveCampaign(self._declared(set_id))
         for entry in entries[len(ready.entries) :]:
             ready = ready.with_entry(entry)
-        self._store.open_sets.get(set_id)  # it may be deleted meanwhile
+        self._store.open_sets.get(set_id)  # raises an error if the set was deleted meanwhile
         if len(self._ready) >= _CAMPAIGNS:
             self._ready.clear()
         self._ready[set_id] = ready
         return ready
 
     def _add_entry(self, set_id: str, entry: Entry, by: AccessKey | None) -> Entry:
-        """Add an entry to a record; return it, or the one of this kind and label that is there already."""
+        """Add an entry to the record of a set; return it, or the stored entry of the same kind and label."""
         record = LiveEntry(
             set_id=set_id,
             change=entry.change,
@@ -249,17 +260,22 @@ class OpenSets:
         )
         return _ENTRY.validate_json(self._store.live_entries.add(record).document)
 
-    def _load_campaign(self, set_id: str) -> Declared:
+    def _load_declaration(self, set_id: str) -> Declared:
+        """Read the declaration of an open set from the store."""
         record = self._store.open_sets.get(set_id)
         header = live.MeasurementSetPost.model_validate_json(record.document)
-        if header.open is not None:  # records of before may state the load point in one place only
+        if header.open is not None:  # older records may state the load point in one place only
             header = completed(header, header.open)
         robot, _ = self._resources.robots.load(record.robot_id)
         resolved = None if record.resolved is None else ResolvedFrame.model_validate_json(record.resolved)
         return Declared(robot, header, resolved, _FINDINGS.validate_json(record.warnings))
 
-    def _options_of_plan(self, options: live.LiveOptions, robot_id: str) -> tuple[live.LiveOptions, str]:
-        """Return options with what the plan says of loads, targets and surroundings, where they say none."""
+    def _complete_by_plan(self, options: live.LiveOptions, robot_id: str) -> tuple[live.LiveOptions, str]:
+        """Return options completed by those of the plan that they name, and the id of the robot.
+
+        Raises:
+            RequestError: the plan does not exist, or has no result.
+        """
         if options.plan_id is None:
             return options, robot_id
         try:
@@ -267,7 +283,9 @@ class OpenSets:
         except NotFoundError as error:
             raise RequestError(error.reason, remedy=error.remedy, where="open.plan_id") from error
         if plan.result is None:
-            raise RequestError("the plan has no result", remedy="give another plan", where="open.plan_id")
+            raise RequestError(
+                "the plan has no result", remedy="give a plan that has succeeded", where="open.plan_id"
+            )
         known: dict[str, Any] = {
             name: getattr(plan.request, name)
             for name in ReadingOptions.model_fields
@@ -282,7 +300,7 @@ class OpenSets:
 
 
 def _planned_load(result: PlanResult) -> DeadWeight | AnyDirection | None:
-    """Return the load of a plan that took it from its campaign; None if the plan has none."""
+    """Return the load of a plan's readings: a dead weight if all forces point down; None without forces."""
     forces = [reading.force for reading in result.readings]
     size = max((math.hypot(*force) for force in forces), default=0.0)
     if size == 0.0:

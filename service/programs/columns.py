@@ -30,7 +30,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 
 MAX_TARGETS: Final = 200_000
 MAX_VISITS: Final = 400_000
-"""Targets of all moves together: each is an inverse kinematics, also where moves share a target."""
+"""Targets of all moves together: each needs an inverse kinematics, also if moves share a target."""
 MAX_REMARKS: Final = 400_000
 """Lines that are left as they are."""
 MAX_VALUE: Final = 1e6
@@ -38,31 +38,31 @@ MAX_VALUE: Final = 1e6
 OF: Final = " of routine "
 """Text between a name and the routine that it belongs to."""
 _NEAR: Final = 1000
-"""Characters behind the begin of a line in which a name is looked for."""
-_SAID: Final = re.compile(r"'[^']*'|\b[A-Z_][A-Z0-9_]*\b")
+"""Number of characters from the beginning of a line in which a name is looked for."""
+_NAME_OR_TEXT: Final = re.compile(r"'[^']*'|\b[A-Z_][A-Z0-9_]*\b")
 _PART: Final = re.compile(rf"(?:\.(?:BASE|TOOL|[UOT]FRAME|UF|UT))?{OF}\w+|\.(?:BASE|TOOL|[UOT]FRAME|UF|UT)\b")
 _WRITE_ANEW: Final = "write all of its numbers anew, or split the program"
-_STANDS: Final = 2e-3
-"""Difference of an external axis [mm, °] that is rounding."""
+_AXIS_ROUNDING: Final = 2e-3
+"""Largest difference of an external axis [mm, °] that rounding explains."""
 _NO_AXIS: Final = 8e9
-"""Value of an external axis that is none, and more."""
+"""Value above which a number means that there is no such external axis: ABB writes 9e9."""
 _MAX_AXES: Final = 24
-"""Most external axes that are looked at; a target with more is left."""
+"""Most external axes of a target; a target with more is left."""
 _AWAY: Final = "an external axis or another group is away from zero, and may carry the arm or the part"
 _CARRY_NOTHING: Final = (
     "state `external_axes: carry_nothing` if it carries neither the arm nor the part; else keep it at zero"
 )
 _MOTIONS: Final = {motion: i for i, motion in enumerate(Motion)}
 _WIDTH: Final = 7
-"""Columns of a target."""
+"""Numbers of a row in the array of targets."""
 _STATED: Final = NUMBERS + WORDS
 _AXES: Final = _STATED + _MAX_AXES
 _MAX_STEADY: Final = 8
-"""Most numbers looked at that all targets have to share."""
+"""Most numbers of a target that all targets have to share, such as that of the tool."""
 
 
 class Cause(NamedTuple):
-    """Reason why something is not known: a line, and what to do."""
+    """Reason why a value is not known, with its line and a remedy."""
 
     line: int
     reason: str
@@ -72,12 +72,12 @@ class Cause(NamedTuple):
 
 
 class Given(NamedTuple):
-    """Numbers that stand in the text."""
+    """Numbers in the text of a program that a name holds or a move uses."""
 
-    label: str
-    source: int
-    line: int
-    first: int
+    label: str  # name that holds the numbers; empty without a name
+    source: int  # index of the file
+    line: int  # line of the statement
+    first: int  # index of the statement's first number among those of the file
     literal: Literal
 
 
@@ -86,12 +86,12 @@ Frames: TypeAlias = tuple[FrameName | Cause, FrameName | Cause]
 
 
 class Columns:
-    """Targets, moves and what is left of a program."""
+    """Targets and moves of a program while it is interpreted, and the moves that are left."""
 
     def __init__(
         self, kind: str, sources: tuple[Source, ...], numerals: Sequence[Numerals], *, folded: bool
     ) -> None:
-        """Begin with nothing."""
+        """Begin without targets; `folded` if the case of letters does not matter in the language."""
         self._format, self._sources, self._numerals, self._folded = kind, sources, numerals, folded
         self.spelled: dict[str, str] = {}  # names as the program writes them
         self._remarks: list[Remark] = []
@@ -107,10 +107,11 @@ class Columns:
         self._visits = array("q")
         self._doubts: dict[int, Cause] = {}  # targets whose numbers have to stay, and why
 
-    def in_words(self, text: str, source: int, line: int) -> str:
-        """Return a text that is no quotation, with names as the program writes them behind a line."""
+    def restore_spelling(self, text: str, source: int, line: int) -> str:
+        """Return a text with names as the program spells them near a line; quotations stay as they are."""
 
-        def spelled(match: re.Match[str]) -> str:
+        def find_spelling(match: re.Match[str]) -> str:
+            """Return the spelling of one name in the text behind the line; remember it for other lines."""
             name = match[0]
             if name[0] != "'" and self._folded and name not in self.spelled:
                 start = self._sources[source].starts[max(line - 1, 0)]
@@ -119,54 +120,61 @@ class Columns:
                 self.spelled[name] = own[0] if own else name
             return self.spelled.get(name, name)
 
-        return _SAID.sub(spelled, _PART.sub("", text))
+        return _NAME_OR_TEXT.sub(find_spelling, _PART.sub("", text))
 
-    def remark(self, line: int, text: str, target: str = "") -> None:
-        """Note what is left as it is, and needs no decision."""
+    def add_remark(self, line: int, text: str, target: str = "") -> None:
+        """Note a statement that is left as it is, and needs no decision of the user."""
         if len(self._remarks) >= MAX_REMARKS:
             self._refuse(line, f"more than {MAX_REMARKS} lines cannot be corrected", "split the program")
         self._remarks.append(Remark(line, text, target))
 
     def _refuse(self, line: int | None, reason: str, remedy: str) -> None:
+        """Refuse the whole program.
+
+        Raises:
+            ProgramError: always, with this fault.
+        """
         raise ProgramError([Fault(self._sources[0].name, line, reason, remedy)])
 
-    def move(
+    def add_move(
         self, op: Move, line: int, targets: Sequence[Given], frames: Sequence[Frames], cause: Cause | None
     ) -> None:
-        """Take a move.
+        """Add a move with its targets, or note that it is left.
 
         Args:
             op: the move.
-            line: its line.
-            targets: those that are known.
+            line: line of the move.
+            targets: targets whose numbers are known.
             frames: base and tool of each target.
-            cause: why the move is left; None if it is not.
+            cause: why the move is left; None if it is certain.
         """
         if len(self._visits) + len(op.targets) > MAX_VISITS or len(self._left) > MAX_VISITS:
             self._refuse(line, f"more than {MAX_VISITS} targets of moves", "split the program")
         if cause is None:
             self._visits.extend(
-                [self._target(each, pair, line) for each, pair in zip(targets, frames, strict=True)]
+                [self._index_target(each, pair, line) for each, pair in zip(targets, frames, strict=True)]
             )
             self._moves.extend((line, _MOTIONS[op.motion], len(self._visits)))
             return
         names = ", ".join(each.label.partition(OF)[0] or "in numbers" for each in targets)
-        base, tool = (self.in_words(_name(each), 0, line) for each in frames[-1]) if frames else ("", "")
-        reason = self.in_words(cause.reason, 0, line)
+        base, tool = (
+            (self.restore_spelling(_frame_name(each), 0, line) for each in frames[-1]) if frames else ("", "")
+        )
+        reason = self.restore_spelling(cause.reason, 0, line)
         self._left.append((ReadMove(line, names, base, tool, reason, cause.remedy), cause))
         for target in targets:
             if target.label:
-                self._doubts.setdefault(self._target(target, None, line), cause)
+                self._doubts.setdefault(self._index_target(target, None, line), cause)
 
-    def block(self, op: Move, source: int, lines: IndexArray, first: IndexArray, frames: Frames) -> None:
-        """Take k moves that differ in the numbers of their one target only.
+    def add_moves(self, op: Move, source: int, lines: IndexArray, first: IndexArray, frames: Frames) -> None:
+        """Add k moves that differ only in the numbers of their single target.
 
         Args:
             op: the move.
             source: index of their file.
             lines: (k,) lines of the moves.
-            first: (k,) places of the first numbers of their statements.
-            frames: base and tool of all.
+            first: (k,) index of the first number of each statement among those of the file.
+            frames: base and tool of all these moves.
         """
         index = len(self._names) + np.arange(len(lines))
         if index[-1] >= MAX_TARGETS:
@@ -176,7 +184,7 @@ class Columns:
             self._refuse(int(lines[0]), f"more than {MAX_VISITS} targets of moves", "split the program")
         (literal,) = (each for each in op.targets if isinstance(each, Literal))
         known = self._literals.setdefault(literal, len(self._literals))
-        base, tool = self._frame("base", frames[0]), self._frame("tool", frames[1])
+        base, tool = self._index_frame("base", frames[0]), self._index_frame("tool", frames[1])
         columns = np.broadcast_arrays(source, lines, first, lines, known, base, tool)
         self._targets.frombytes(np.stack(columns, axis=1).tobytes())
         moves = np.broadcast_arrays(lines, _MOTIONS[op.motion], ends)
@@ -184,11 +192,14 @@ class Columns:
         self._visits.frombytes(index.tobytes())
         self._names += [""] * len(lines)
 
-    def _target(self, target: Given, frames: Frames | None, used: int) -> int:
-        """Add a target, or find it by the place of its numbers; in two frames it is in doubt."""
+    def _index_target(self, target: Given, frames: Frames | None, used: int) -> int:
+        """Return the index of a target, which is added if its numbers are new.
+
+        A target that is used with two bases or two tools is doubted. `used` is the line of its use.
+        """
         literal = self._literals.setdefault(target.literal, len(self._literals))
         base, tool = (
-            self._frame(*each) for each in zip(("base", "tool"), frames or (None, None), strict=True)
+            self._index_frame(*each) for each in zip(("base", "tool"), frames or (None, None), strict=True)
         )
         index = self._placed.setdefault((target.source, target.first, literal), len(self._names))
         row = _WIDTH * index
@@ -205,24 +216,25 @@ class Columns:
             self._doubts.setdefault(index, Cause(used, f"target {shown(target.label)} is {other}", remedy))
         return index
 
-    def _frame(self, role: str, frame: FrameName | Cause | None) -> int:
+    def _index_frame(self, role: str, frame: FrameName | Cause | None) -> int:
+        """Return the index of a frame, which is added if it is new; -1 if the frame is not known."""
         if not isinstance(frame, FrameName):
             return -1
         key = role, frame.name if frame.pose is None else frame.pose.tobytes()
         return self._frames.setdefault(key, (len(self._frames), frame))[0]
 
-    def program(
+    def build_program(
         self, used: Mapping[str, int], causes: Sequence[Cause], external_axes: ExternalAxes
     ) -> Program:
-        """Return the program.
+        """Return the program of the targets and moves that were added.
 
         Args:
-            used: names whose numbers are used otherwise than as targets, and a line.
-            causes: whatever is not understood.
-            external_axes: what is known of external axes and other groups.
+            used: lines of names whose numbers are used for something else than targets.
+            causes: causes why statements are not understood.
+            external_axes: what the user states on external axes and other groups.
 
         Raises:
-            ProgramError: no move of it is certain.
+            ProgramError: no move of the program can be corrected.
         """
         for index, name in enumerate(self._names):
             if name in used and name:
@@ -230,31 +242,35 @@ class Columns:
                 reason = f"{use}, where it is not certain what they mean"
                 self._doubts.setdefault(index, Cause(0, reason, "use a separate target for it"))
         self._names = [name.partition(OF)[0] if name else name for name in self._names]
-        rows = _columns(self._targets, _WIDTH)
+        rows = _reshape_rows(self._targets, _WIDTH)
         targets = self._fill_targets(rows, external_axes)
-        moves = _in_order(Moves(*_columns(self._moves, 3), *_columns(self._visits, 1)))
+        moves = _sort_moves(Moves(*_reshape_rows(self._moves, 3), *_reshape_rows(self._visits, 1)))
         kept = self._corrected_moves(targets, moves)
         left = sorted(self._left, key=lambda each: each[0].line)
-        moved = tuple(each for each, _ in left)
-        faults = [self._fault(cause) for _, cause in left]
+        left_moves = tuple(each for each, _ in left)
+        faults = [self._build_fault(cause) for _, cause in left]
         if not (faults or kept.any()):
             remedy = "send a program with moves to targets given by numbers"
             none = Fault(self._sources[0].name, None, "the program has no target", remedy)
-            faults = [self._fault(cause) for cause in causes] or [none]
+            faults = [self._build_fault(cause) for cause in causes] or [none]
         faults = sorted(dict.fromkeys(faults), key=lambda each: each.line or 0)
         if not kept.any():
-            raise ProgramError(faults, left=moved)
+            raise ProgramError(faults, left=left_moves)
         if left:
             moves, targets = _keep_moves(moves, targets, kept)
         remarks = tuple(sorted(self._remarks, key=lambda each: each.line))
-        return Program(self._format, self._sources, targets, moves, remarks, moved, tuple(faults))
+        return Program(self._format, self._sources, targets, moves, remarks, left_moves, tuple(faults))
 
-    def _fault(self, cause: Cause) -> Fault:
-        reason = self.in_words(cause.reason, cause.source, cause.line)
+    def _build_fault(self, cause: Cause) -> Fault:
+        """Return the fault of a cause, with names as the program spells them."""
+        reason = self.restore_spelling(cause.reason, cause.source, cause.line)
         return Fault(self._sources[cause.source].name, cause.line, reason, cause.remedy)
 
     def _corrected_moves(self, targets: Targets, moves: Moves) -> BoolArray:
-        """Return which moves (k,) are corrected: none that shares numbers with one that is left."""
+        """Return a mask (k,) of the moves that can be corrected; note the others as left.
+
+        A move to a doubted target is left; its other targets are then doubted, too, and so on.
+        """
         doubted = np.zeros(len(targets), dtype=np.bool_)
         doubted[list(self._doubts)] = True
         while True:
@@ -270,9 +286,9 @@ class Columns:
             own, line = moves.visits[begins[i] : moves.ends[i]].tolist(), int(moves.line[i])
             known = next((self._doubts[each] for each in own if each in self._doubts), None)
             reason = (
-                self.in_words(known.reason, 0, line)
+                self.restore_spelling(known.reason, 0, line)
                 if known
-                else "a target of it is used by a move that is left"
+                else "a move that is not corrected uses the same target"
             )
             remedy = known.remedy if known else "use a separate target"
             base, tool = (targets.frames[axis[own[-1]]].name for axis in (targets.base, targets.tool))
@@ -281,7 +297,12 @@ class Columns:
         return ~left
 
     def _fill_targets(self, rows: IndexArray, external_axes: ExternalAxes) -> Targets:
-        """Return the targets; those whose numbers are none, or whose external axes matter, are in doubt."""
+        """Return the targets with their numbers; invalid numbers and moved external axes are doubted.
+
+        Args:
+            rows: array of targets, transposed: one row for each field.
+            external_axes: what the user states on external axes and other groups.
+        """
         source, line, first, _, known, base, tool = rows
         literals, count = list(self._literals), len(line)
         ordinals = np.full((len(literals), _AXES + _MAX_STEADY), -1)
@@ -334,7 +355,7 @@ def _external_axes(axes: FloatArray, known: ExternalAxes) -> tuple[BoolArray, Bo
     axis that a target does not state (NaN) stays where it was: it is away if it is away in any target.
     """
     stated, none = np.nan_to_num(axes), np.zeros(len(axes), dtype=np.bool_)
-    is_away: BoolArray = np.abs(stated) > _STANDS
+    is_away: BoolArray = np.abs(stated) > _AXIS_ROUNDING
     away: BoolArray = np.asarray((is_away | (np.isnan(axes) & is_away.any(axis=0))).any(axis=1))
     moved = _changed_axes(stated)
     if known is ExternalAxes.CARRY_NOTHING:
@@ -343,13 +364,13 @@ def _external_axes(axes: FloatArray, known: ExternalAxes) -> tuple[BoolArray, Bo
 
 
 def _changed_axes(numbers: FloatArray) -> BoolArray:
-    """Return which targets have other numbers (t, k) than the first."""
+    """Return a mask (t,) of the targets whose numbers (t, k) differ from those of the first target."""
     known = np.nan_to_num(numbers)
-    return np.asarray((~(np.abs(known - known[:1]) <= _STANDS)).any(axis=1), dtype=np.bool_)
+    return np.asarray((~(np.abs(known - known[:1]) <= _AXIS_ROUNDING)).any(axis=1), dtype=np.bool_)
 
 
-def _in_order(moves: Moves) -> Moves:
-    """Return moves in the order of their lines: a routine within another is passed through on its own."""
+def _sort_moves(moves: Moves) -> Moves:
+    """Return moves sorted by line, with their visits: a nested routine was interpreted on its own."""
     order = np.argsort(moves.line, kind="stable")
     counts, rank = np.diff(moves.ends, prepend=0), np.empty_like(order)
     rank[order] = np.arange(len(order))
@@ -358,7 +379,7 @@ def _in_order(moves: Moves) -> Moves:
 
 
 def _keep_moves(moves: Moves, targets: Targets, kept: BoolArray) -> tuple[Moves, Targets]:
-    """Return moves that are kept, and their targets."""
+    """Return the moves of a mask `kept` (k,), and the targets of these moves, with new indices."""
     visits = moves.visits[kept[moves.of_visit]]
     rows, places = np.unique(visits, return_inverse=True)
     counts = np.diff(moves.ends, prepend=0)[kept]
@@ -371,9 +392,11 @@ def _keep_moves(moves: Moves, targets: Targets, kept: BoolArray) -> tuple[Moves,
     )  # fmt: skip
 
 
-def _name(frame: FrameName | Cause) -> str:
+def _frame_name(frame: FrameName | Cause) -> str:
+    """Return the name of a frame, also if its numbers are not known."""
     return frame.shows if isinstance(frame, Cause) else frame.name
 
 
-def _columns(rows: array[int], width: int) -> IndexArray:
+def _reshape_rows(rows: array[int], width: int) -> IndexArray:
+    """Return rows of numbers that were appended one after the other as columns, (width, count)."""
     return np.asarray(memoryview(rows), dtype=np.intp).reshape(-1, width).T

@@ -9,20 +9,20 @@ from typing import NamedTuple
 from jointstiff.service.problems import FilesError
 
 MAX_FAULTS = 20
-"""Faults that one refusal lists."""
+"""Most faults that one error lists."""
 CONSTANT = "write its numbers, or omit it"
 _MAX_SHOWN = 60
 
 
 def shown(text: str) -> str:
-    """Return text from outside, quoted, escaped and short enough for a message."""
+    """Return text of a program in quotation marks, escaped and cut to 60 characters, for a message."""
     text = text.strip()
     return ascii(text if len(text) <= _MAX_SHOWN else text[:_MAX_SHOWN] + "...")
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Something that was not understood."""
+    """Text of a program that was not understood."""
 
     file: str  # name of the file
     line: int | None  # line of the file, from 1; None for the whole file
@@ -31,7 +31,7 @@ class Fault:
 
     @property
     def place(self) -> str:
-        """File and line."""
+        """Name of the file and line, in words."""
         return shown(self.file) if self.line is None else f"{shown(self.file)}, line {self.line}"
 
     def __str__(self) -> str:
@@ -41,22 +41,22 @@ class Fault:
 class ReadMove(NamedTuple):
     """A move as it was understood."""
 
-    line: int
+    line: int  # line of the move, from 1
     target: str  # names of its targets, or their numbers
     base: str  # name of the base; empty if it is not known
-    tool: str
-    reason: str = ""  # why it is left as it is
-    remedy: str = ""
-    corrected: bool = False
+    tool: str  # name of the tool; empty if it is not known
+    reason: str = ""  # why the move is left as it is
+    remedy: str = ""  # what to do so that it can be corrected
+    corrected: bool = False  # whether it can be corrected
 
 
 class ProgramError(FilesError):
-    """Raise when a program is not understood, or cannot be corrected; nothing of it is taken then.
+    """Error that a program is not understood or cannot be corrected; the whole program is then refused.
 
     Attributes:
-        faults: the first ones, at most MAX_FAULTS.
-        count: how many there are.
-        left: moves that are not certain.
+        faults: the first faults, at most MAX_FAULTS.
+        count: number of all faults.
+        left: moves that cannot be corrected.
     """
 
     def __init__(

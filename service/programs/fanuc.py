@@ -55,52 +55,58 @@ _AGAIN: Final = "record the position again"
 _LOGIC: Final = r"(?P<action>JMP LBL ?\[.*\]|CALL .+|(?:DO|RO|GO|AO|R|F|WO)\[[^=]*\]=.+)"
 
 
-def _frame(line: Line) -> list[Op]:
+def _choose_frame(line: Line) -> list[Op]:
+    """Return the operations of a statement that makes a frame or a tool the active one by its number."""
     which = line["which"]
-    return [ir.Assign(f"U{which}_NUM", ir.Named((f"U{which[0]} %s", line.number("number"))))]
+    return [ir.Assign(f"U{which}_NUM", ir.Named((f"U{which[0]} %s", line.first_ordinal("number"))))]
 
 
-def _jump(line: Line) -> list[Op]:
+def _translate_jump(line: Line) -> list[Op]:
     """Return the operations of a jump: to a label in numbers, or to one that is computed first."""
     label = line["label"]
     if label == "\0":
-        return [ir.Flow("jump", ("%s", line.number("label")))]
-    return [*line.expression(label), ir.Flow("jump", "\0")]
+        return [ir.Flow("jump", ("%s", line.first_ordinal("label")))]
+    return [*line.read_expression(label), ir.Flow("jump", "\0")]
 
 
-def _may_pass(line: Line) -> list[Op]:
-    """Return an action that may be passed over."""
+def _translate_conditional_action(line: Line) -> list[Op]:
+    """Return the operations of an action after IF or SELECT, which may be skipped."""
     start, end = line.span("action")
-    action = Line(line.language, line["action"], line.numbers(start, end))
-    given = line.expression(line["which"].replace("=", "+", 1)) if line["which"] else []
-    return [*given, ir.Flow("if"), *line.language.rule(action), ir.Flow("close")]
+    action = Line(line.language, line["action"], line.ordinals_in(start, end))
+    given = line.read_expression(line["which"].replace("=", "+", 1)) if line["which"] else []
+    return [*given, ir.Flow("if"), *line.language.apply_rules(action), ir.Flow("close")]
 
 
 def _names_used(line: Line) -> list[Op]:
-    """Return what an instruction uses: `PULSE,0.2sec`, `ON` and `(...)` are values, too."""
+    """Return the operations of an instruction's value, such as an expression, `ON` or `PULSE,0.2sec`."""
     value = line["value"].replace("!", "")
-    return line.expression(value) if value and not re.fullmatch(r"PULSE,\0 ?(?:sec)?", value) else []
+    return line.read_expression(value) if value and not re.fullmatch(r"PULSE,\0 ?(?:sec)?", value) else []
 
 
-def _changed(line: Line) -> list[Op]:
-    name: ir.Name = ("P[%s]", line.number("place")) if line["place"] else "P"
+def _translate_position_change(line: Line) -> list[Op]:
+    """Return the operation of an assignment to a position P[n], whose numbers are not known any more."""
+    name: ir.Name = ("P[%s]", line.first_ordinal("place")) if line["place"] else "P"
     return [ir.Havoc(frozenset({name}), "the position changes while the program runs", _REMEDY)]
 
 
 def _leaves_target(tail: str) -> bool:
-    """Return whether the text after a target, offsets aside, is known to leave it where it is."""
+    """Return whether the text after a target, apart from offsets, is known not to move the target."""
     return _TAIL.fullmatch(_OFFSET.sub("", tail).strip()) is not None
 
 
-def _move(line: Line) -> list[Op]:
-    """Return a move to one position, or through one to another."""
+def _translate_move(line: Line) -> list[Op]:
+    """Return the operations of a move to one position, or of an arc through one position to another.
+
+    Raises:
+        Misread: the number of positions is wrong, or the text after them is unknown.
+    """
     letter, tail = line["letter"], line["tail"]
     if bool(line["second"]) != (letter == "C"):
         raise Misread("an arc has two positions, another move has one; its second one is on the next line")
     offset = _OFFSET.search(tail)
     if not _leaves_target(tail):
         what = "the text after the target moves it, or is unknown"
-        raise Misread(f"{what}; its position in /POS is not all that counts")
+        raise Misread(f"{what}; the position in /POS alone does not give the target")
     ordinals = line.ordinals[: 1 + bool(line["second"])]
     names = tuple(("P[%s]", ordinal) for ordinal in ordinals)
     bases, tools = (
@@ -108,29 +114,41 @@ def _move(line: Line) -> list[Op]:
         for kind in ("UF", "UT")
     )
     place = line.span("tail")[0] + offset.start() if offset else 0
-    moved = ir.quoted(offset[0], line.numbers(place, len(line.text))) if offset else ""
+    moved = ir.quote_statement(offset[0], line.ordinals_in(place, len(line.text))) if offset else ""
     reason = f"{moved} moves the target" if offset else ""
     agree = ("UFRAME_NUM", "UTOOL_NUM")
     move = ir.Move(_MOTIONS[letter], names, bases, tools, agree, reason=reason, remedy=_REMEDY)
     return [*(ir.Call(name, attached=True) for name in re.findall(r",CALL ?(\w++)", tail)), move]
 
 
-def _move_to_register(line: Line) -> list[Op]:
-    """Return a move to a register, or to a position of a computed number."""
+def _translate_register_move(line: Line) -> list[Op]:
+    """Return a move to a register or to a position of a computed number, which is left.
+
+    Raises:
+        Misread: the text after the target is unknown, or calls a routine.
+    """
     if not _leaves_target(line["tail"]) or "CALL" in line["tail"]:
-        raise Misread("the target is no position in /POS, and the text after it is unknown")
-    what = ir.quoted(line.text, line.ordinals)
-    return ir.left([], f"{what}: the target is no position in /POS", _REMEDY)
+        raise Misread("the target is not a position in /POS, and the text after it is unknown")
+    what = ir.quote_statement(line.text, line.ordinals)
+    return ir.leave_move([], f"{what}: the target is not a position in /POS", _REMEDY)
 
 
-def _frame_changed(line: Line) -> list[Op]:
-    """Return that a frame of the controller changes, which is then another when the program runs again."""
-    reason = f"{ir.quoted(line.text, line.ordinals)}: the frame changes while the program runs"
+def _translate_frame_change(line: Line) -> list[Op]:
+    """Return the operation of a change of the controller's frames.
+
+    Nothing is known even before this statement: the frame is another one when the program runs again.
+    """
+    reason = f"{ir.quote_statement(line.text, line.ordinals)}: the frame changes while the program runs"
     remedy = "set frames before the program, not in it: all of its moves have to know them"
     return [ir.Havoc(frozenset(), reason, remedy, anytime=True)]
 
 
-def _computed(_line: Line) -> list[Op]:
+def _refuse_computed_frame(_line: Line) -> list[Op]:
+    """Refuse any other statement with a frame.
+
+    Raises:
+        Misread: always.
+    """
     raise Misread("a frame is computed, or chosen in a branch")
 
 
@@ -147,13 +165,16 @@ _Fields: TypeAlias = dict[str, tuple[tuple[int, ...], str]]
 """Ordinals of the numbers of fields, and their units or texts."""
 
 
-def _position(line: Line) -> list[Op]:
-    """Return what P[n]{ GP1: UF : …, UT : …, CONFIG : '…', X = … mm, … }; declares."""
+def _declare_position(line: Line) -> list[Op]:
+    """Return the declarations of `P[n]{ GP1: UF : …, UT : …, CONFIG : '…', X = … mm, … };`.
+
+    They are its numbers, base and tool. A position that is not understood has unknown numbers.
+    """
     number = line.ordinals[0]
     name = "P[%s]", number
     try:
-        own, others = _groups(line)
-        # chapter 4: no other program knows a position
+        own, others = _split_groups(line)
+        # Manual, chapter 4: other programs cannot change the positions of this one.
         ops: list[Op] = [ir.Assign(name, _arm_position(own, others), "variable", own=True)]
     except Misread as fault:
         return [ir.Havoc(frozenset({name}), fault.reason, fault.remedy)]
@@ -163,8 +184,12 @@ def _position(line: Line) -> list[Op]:
     return ops
 
 
-def _groups(line: Line) -> tuple[_Fields, tuple[int, ...]]:
-    """Return the fields of the arm's group of a position, and the numbers of the other groups."""
+def _split_groups(line: Line) -> tuple[_Fields, tuple[int, ...]]:
+    """Split a position into the fields of the arm's group, and the ordinals of the other groups' numbers.
+
+    Raises:
+        Misread: a field is unknown or occurs twice.
+    """
     groups, here = dict[str, _Fields](), "1"
     place, ordinals = line.text.index("{") + 1, iter(line.ordinals[1:])
     while place < len(line.text) - 2:
@@ -183,7 +208,13 @@ def _groups(line: Line) -> tuple[_Fields, tuple[int, ...]]:
 
 
 def _arm_position(fields: _Fields, others: tuple[int, ...]) -> Literal:
-    """Return a position of the arm; positions of other groups are added to its external axes."""
+    """Return the target of a position by the fields of the arm's group.
+
+    `others` are ordinals of the numbers of other groups, which count as external axes.
+
+    Raises:
+        Misread: the position was not recorded, is incomplete, or is not in mm and degrees.
+    """
     if any(text.startswith("*") and not name.startswith("E") for name, (_, text) in fields.items()):
         raise Misread("the position was not recorded (***)", "record it, or delete it and its moves")
     if not all(kind in fields and (fields[kind][0] or fields[kind][1] == "F") for kind in ("UF", "UT")):
@@ -204,7 +235,7 @@ def _arm_position(fields: _Fields, others: tuple[int, ...]) -> Literal:
 
 
 _POINTS: Final = ir.Language(
-    comment=r":[^:\[\]\r\n]*+(?=\])", text=r"(?!)", folded=False, rules=((r"(?s)[\s\S]*", _position),)
+    comment=r":[^:\[\]\r\n]*+(?=\])", text=r"(?!)", folded=False, rules=((r"(?s)[\s\S]*", _declare_position),)
 )
 _ORDER: Final = ("PROG", "ATTR", "APPL", "MN", "POS", "END")
 _SECTION: Final = re.compile(r"/(PROG|ATTR|APPL|MN|POS|END)\b.*+")
@@ -214,7 +245,11 @@ _END: Final = re.compile(r"\s*+P\s*+\[")
 
 
 def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
-    """Read a .LS file."""
+    """Add the positions and the instructions of a .LS file to a machine.
+
+    Raises:
+        ProgramError: a section is missing or misplaced, or a line is not in the controller's form.
+    """
     source, sections, here = sources[0], dict[str, int](), ""
     spans: list[tuple[int, int]] = []
     for line, (start, end) in enumerate(zip(source.starts.tolist(), source.ends.tolist(), strict=True), 1):
@@ -232,12 +267,13 @@ def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
         remedy = "write the program as ASCII (.LS), not as binary (.TP)"
         machine.refuse(None, "the file has no /MN and /POS", remedy)
     end = sections["END"] - len("/END") if "END" in sections else len(source.text)
-    positions = _positions(machine, source, sections["POS"], end)
-    machine.add(0, *_columns(positions), translate=_POINTS.translate)
-    machine.add(0, *_columns(spans))
+    positions = _find_positions(machine, source, sections["POS"], end)
+    machine.add(0, *_split_spans(positions), translate=_POINTS.translate)
+    machine.add(0, *_split_spans(spans))
 
 
-def _columns(spans: list[tuple[int, int]]) -> tuple[IndexArray, IndexArray]:
+def _split_spans(spans: list[tuple[int, int]]) -> tuple[IndexArray, IndexArray]:
+    """Return the starts and the ends of spans as two arrays."""
     starts, ends = np.array(spans, dtype=np.intp).reshape(-1, 2).T
     return starts, ends
 
@@ -245,9 +281,13 @@ def _columns(spans: list[tuple[int, int]]) -> tuple[IndexArray, IndexArray]:
 def _add_instruction(
     machine: Machine, spans: list[tuple[int, int]], line: int, start: int, text: str
 ) -> None:
-    """Add a line of /MN to the instructions; one without a number continues what has no end."""
+    """Add the span of a line of /MN to `spans`; a line without a number continues the one before.
+
+    Raises:
+        ProgramError: the line has neither a number nor a colon.
+    """
     head = _LINE.match(text)
-    if text.lstrip().startswith("--"):  # the end of the logic of P-SPS
+    if text.lstrip().startswith("--"):  # this line only ends a block of logic
         return
     if head is None and not _END.match(text):
         reason = f"the line {shown(text)} has no number and colon"
@@ -262,8 +302,12 @@ def _add_instruction(
         spans.append((start + body, start + len(text)))
 
 
-def _positions(machine: Machine, source: Source, place: int, end: int) -> list[tuple[int, int]]:
-    """Return first and last + 1 character of the positions of /POS."""
+def _find_positions(machine: Machine, source: Source, place: int, end: int) -> list[tuple[int, int]]:
+    """Return first and last + 1 character of each position between two places of the section /POS.
+
+    Raises:
+        ProgramError: there is a text between positions, or a position has no end.
+    """
     spans = []
     for match in _POSITION.finditer(source.text, place, end):
         if match[1] is None or not re.match(r"P\s*+\[[^\]{}]*+\]\s*+\{", match[1]):
@@ -296,20 +340,20 @@ LANGUAGE: Final = ir.Language(
     parts=(".UF", ".UT"),
     is_frame=lambda name: name.startswith(("UF ", "UT ")),
     rules=(
-        (r"(?P<letter>[JLCAS]) P\[\0\] ?(?P<second>P\[\0\] ?)?(?P<tail>.*)", _move),
-        (r"[JLAS] (?:PR?\[[RA]+\[\0\]\]|PR\[\0\]) ?(?P<tail>.*)", _move_to_register),
-        (r"(?:\$MN(?=\w+NUM\[))?U(?P<which>FRAME|TOOL)(?:_NUM|NUM\[\0\])=#{number}", _frame),
+        (r"(?P<letter>[JLCAS]) P\[\0\] ?(?P<second>P\[\0\] ?)?(?P<tail>.*)", _translate_move),
+        (r"[JLAS] (?:PR?\[[RA]+\[\0\]\]|PR\[\0\]) ?(?P<tail>.*)", _translate_register_move),
+        (r"(?:\$MN(?=\w+NUM\[))?U(?P<which>FRAME|TOOL)(?:_NUM|NUM\[\0\])=#{number}", _choose_frame),
         (r"IF ?(.+?) ?THEN", "if"),
         (r"FOR R\[\0\]=(.+?)(?: TO| DOWNTO) ?(.+)", "loop"),
         (r"ELSE", "turn"),
         (r"ENDIF|ENDFOR", "close"),
         (r"LBL ?\[#{name}\]", "label"),
-        (r"(?:WAIT ?(.+?) ?TIMEOUT,|JMP )LBL ?\[(?P<label>.*)\]", _jump),
-        (rf"(?:IF ?(.+?)|SELECT ?(?P<which>.+?)|=(.+?)|ELSE),{_LOGIC}", _may_pass),
+        (r"(?:WAIT ?(.+?) ?TIMEOUT,|JMP )LBL ?\[(?P<label>.*)\]", _translate_jump),
+        (rf"(?:IF ?(.+?)|SELECT ?(?P<which>.+?)|=(.+?)|ELSE),{_LOGIC}", _translate_conditional_action),
         (r"(?:CALL|RUN|MONITOR) (?P<name>\w++)(?:\((.*)\))?", lambda line: [ir.Call(line["name"])]),
         (_QUIET, _names_used),
-        (r"(?:.*\W)?\$?(?:MN)?(?:UFRAME|UTOOL)(?:\[.*\])?=.*", _frame_changed),
-        (r".*(?:UFRAME|UTOOL).*", _computed),
-        (r"P\[#{place}(?:,\0)?\]=.*|(?:(?!(?<!\w)P\[).)*P\[[^=]*=.*", _changed),
+        (r"(?:.*\W)?\$?(?:MN)?(?:UFRAME|UTOOL)(?:\[.*\])?=.*", _translate_frame_change),
+        (r".*(?:UFRAME|UTOOL).*", _refuse_computed_frame),
+        (r"P\[#{place}(?:,\0)?\]=.*|(?:(?!(?<!\w)P\[).)*P\[[^=]*=.*", _translate_position_change),
     ),
 )

@@ -25,7 +25,7 @@ MAX_LINE: Final = 4096
 """Characters of a line."""
 _NOT_READ: Final = {".nc", ".cnc", ".mpf", ".apt", ".cls", ".aptsource", ".gcode"}
 MARK: Final = "Jointstiff run "
-"""Text by which a mark is known: a comment that keeps a compensated program from a second correction."""
+"""Beginning of the mark: a comment that keeps a compensated program from being corrected again."""
 
 
 _MODULES: Final = {"csv": table, "krl": krl, "fanuc": fanuc, "rapid": rapid, "ur": ur}
@@ -42,15 +42,15 @@ def read_program(
     leave_others: bool = False,
     external_axes: ExternalAxes = ExternalAxes.MAY_CARRY,
 ) -> Program:
-    """Read a program.
+    """Read a program: its targets, and its moves that can be corrected or are left.
 
     Args:
-        files: names and bytes: one file, or a .src with its .dat and $config.dat.
-        name: name of the format, one of FORMATS; by the first file's name if None.
+        files: names and bytes of the files: one file, or a .src with its .dat and $config.dat.
+        name: name of the format, one of FORMATS; if None, the first file's name decides.
         leave_alone: names of routines that neither move the robot nor change its frames.
-        leave_others: whether moves that are not certain are left; else the program is refused for them.
-        external_axes: what is known of external axes; moves that have them away from zero are left, unless
-            they are joints of the robot or carry nothing.
+        leave_others: whether moves that are not certain are left; if not, they make the program fail.
+        external_axes: what the user states on external axes; moves with an axis away from zero are left,
+            unless the axes are joints of the robot or carry nothing.
 
     Raises:
         ProgramError: the text was not understood, or a move is not certain.
@@ -67,15 +67,15 @@ def read_program(
         _refuse(files[0][0], None, reason, f"give `format`: one of {', '.join(FORMATS)}")
     if len(files) > (3 if chosen == "krl" else 1):
         remedy = "send one program; with KUKA's .src its .dat and $config.dat"
-        _refuse(files[-1][0], None, "one file too many", remedy)
+        _refuse(files[-1][0], None, "there are more files than one program has", remedy)
     if sum(len(content) for _, content in files) > MAX_PROGRAM_BYTES:
         _refuse(files[0][0], None, f"more than {MAX_PROGRAM_BYTES // 2**20} MiB", "split the program")
     ordered = sorted(files, key=lambda file: file[0].lower().endswith(".dat"))  # moves are of the first file
-    sources = tuple(_source(name, content) for name, content in ordered)
+    sources = tuple(_read_source(name, content) for name, content in ordered)
     commas = chosen == "csv" and has_decimal_commas(sources[0].text)
     language = table.DECIMAL_COMMAS if commas else FORMATS[chosen]
-    columns, used, causes = Machine(chosen, sources, language, leave_alone).interpreted()
-    program = columns.program(used, causes, external_axes)
+    columns, used, causes = Machine(chosen, sources, language, leave_alone).interpret()
+    program = columns.build_program(used, causes, external_axes)
     if program.faults and not leave_others:
         raise ProgramError(program.faults, left=program.left)
     return program
@@ -87,7 +87,7 @@ def explained(
     leave_alone: Collection[str] = (),
     external_axes: ExternalAxes = ExternalAxes.MAY_CARRY,
 ) -> list[ReadMove]:
-    """Return each move of a program by line: target, base and tool, and whether it can be corrected.
+    """Return all moves of a program by line, each with target, base, tool, and whether it can be corrected.
 
     Raises:
         ProgramError: the text of the program is not understood.
@@ -112,13 +112,18 @@ def explained(
     return sorted(rows, key=lambda each: each.line)
 
 
-def _source(name: str, content: bytes) -> Source:
+def _read_source(name: str, content: bytes) -> Source:
+    """Return a file of a program, after checks of its text.
+
+    Raises:
+        ProgramError: the file is not plain text, exceeds a limit, or was corrected already.
+    """
     if b"\0" in content:
-        reason = "the file is not text in one byte a character"
+        reason = "the file is not text with one byte per character"
         _refuse(name, None, reason, "save it as plain text, not as UTF-16 or binary")
     if content.count(b"\n") + content.count(b"\r") > MAX_LINES:
         _refuse(name, None, f"more than {MAX_LINES:,} lines", "split the program")
-    source = Source.of(name, content)
+    source = Source.from_bytes(name, content)
     if (place := source.text.find(MARK)) >= 0:
         reason = "the program states that it was corrected already: a second correction would add to it"
         remedy = "send the original program; remove this line if it is wrong"
@@ -131,11 +136,19 @@ def _source(name: str, content: bytes) -> Source:
 
 
 def _refuse(file: str, line: int | None, reason: str, remedy: str) -> None:
+    """Refuse a program for one fault.
+
+    Raises:
+        ProgramError: always.
+    """
     raise ProgramError((Fault(file if file.isprintable() else shown(file), line, reason, remedy),), 1)
 
 
 def frame_notation(program: Program) -> Notation:
-    """Return the notation in which users of a format write frames; KUKA's where a program writes no pose."""
+    """Return the notation in which users of the program's format write frames.
+
+    A format without one uses the notation of the program's poses, else that of KUKA.
+    """
     written = (notation for notation in program.targets.notations if notation.has_pose)
     return FORMATS[program.format].pose or next(written, krl.POSE)
 
@@ -143,16 +156,18 @@ def frame_notation(program: Program) -> Notation:
 def marked(
     kind: str, content: bytes, run_id: str, verdict: str, day: date, moves: int = 0, left: int = 0
 ) -> bytes:
-    """Return a compensated program with its mark; FANUC's is a few remarks of 32 characters at most.
+    """Insert a comment into a compensated program that marks it as corrected; return its bytes.
+
+    The mark of a FANUC program is several remarks, because a remark has 32 characters at most.
 
     Args:
         kind: name of the format.
-        content: the program.
-        run_id: run whose model was used.
-        verdict: of the compensated program.
+        content: bytes of the compensated program.
+        run_id: id of the run whose model was used.
+        verdict: verdict on the compensated program.
         day: date of the correction.
-        moves: moves of the program; they are named if some are left.
-        left: those that are left.
+        moves: number of moves of the program, which the mark states if some are left.
+        left: number of moves that are left.
     """
     known, end = FORMATS[kind], "\r\n" if b"\r\n" in content else "\n"
     words = [f"corrected {day.isoformat()}", f"verdict: {verdict.replace('_', ' ')}"]

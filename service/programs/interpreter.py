@@ -1,7 +1,8 @@
 """The one interpreter: constants propagated over the control flow of a program in the intermediate language.
 
-A state holds what names have on every way to a statement: numbers in the text, a name, or why it is unknown.
-Where ways meet, what differs is not known. The program is passed through until no state changes any more.
+A state holds the value of each name on every path to a statement: numbers in the text, a name, or the cause
+why the value is unknown. Where paths meet, values that differ are unknown. The program is passed through
+until no state changes any more.
 """
 
 from __future__ import annotations
@@ -35,23 +36,23 @@ _MAX_DEPTH: Final = 100
 _MAX_CALLS: Final = 200
 """Routines within one another that are passed through at once; deeper ones wait for the next pass."""
 UNKNOWN: Final = "\0everything"
-"""Name that has a cause behind an unknown call: nothing that it may have changed is known then."""
+"""Name in a state behind an unknown call: its value is the cause why values of other names are unknown."""
 
 Held: TypeAlias = Given | Cause | str
-"""What a name has; its own or another's name where only that is known."""
+"""Value of a name: numbers, a cause why they are unknown, or a name if only that is known."""
 State: TypeAlias = dict[str, tuple[Held, int]]
-"""What names have, and the line that gave it."""
+"""Value of each name, and the line that gave the value."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scope:
-    """A routine, and the names that belong to it."""
+    """Routine, and the names that belong to it."""
 
     routine: str
     names: set[str] = field(default_factory=set)
 
-    def name(self, name: str) -> str:
-        """Return a name as no other routine has it, if it belongs to this one."""
+    def qualify(self, name: str) -> str:
+        """Return a name with the routine's name appended, if the name belongs to this routine."""
         return f"{name}{OF}{self.routine}" if _name_of_whole(name) in self.names else name
 
 
@@ -59,35 +60,35 @@ class Scope:
 class Place:
     """Place of a statement, and the numbers of its file."""
 
-    source: int
-    line: int
-    first: int
-    values: FloatArray
+    source: int  # index of the file
+    line: int  # line of the statement, from 1
+    first: int  # index of the statement's first number among those of the file
+    values: FloatArray  # all numbers of the file
     scope: Scope
 
     def cause(self, reason: str, remedy: str = CONSTANT) -> Cause:
-        """Return a cause here; the reason may quote numbers by their ordinals."""
+        """Return a cause at this place; numbers that the reason quotes by their ordinals are inserted."""
         words = re.sub("\0(\\d+)\0", lambda match: f"{self.values[self.first + int(match[1])]:g}", reason)
         return Cause(self.line, words, remedy, self.source)
 
-    def name(self, name: Name) -> str:
-        """Return a name with its number."""
+    def qualify(self, name: Name) -> str:
+        """Return a name with its number inserted, and with its routine if it belongs to one."""
         if isinstance(name, str):
-            return self.scope.name(name)
+            return self.scope.qualify(name)
         value = float(self.values[self.first + name[1]])
-        return intern(name[0] % (f"{value:g}" if value.is_integer() else "\0"))  # each is kept once
+        return intern(name[0] % (f"{value:g}" if value.is_integer() else "\0"))  # one copy of each name
 
 
 def _name_of_whole(name: str) -> str:
-    """Return the name of the whole that a name may be a part of: `FP1` for `FP1.TOOL`."""
+    """Return the name of the structure that a name is a field of: `FP1` for `FP1.TOOL`; else the name."""
     if "." not in name:
         return name
     part, of, routine = name.partition(OF)
     return part.partition(".")[0] + of + routine
 
 
-class Stray(Misread):
-    """Raise where a branch, a loop, a routine or a jump has no other end; `place` is the index of one end."""
+class UnmatchedEnd(Misread):
+    """Error that a branch, a loop, a routine or a jump has only one end; `place` is the index of that end."""
 
     def __init__(self, place: int, reason: str, remedy: str) -> None:
         super().__init__(reason, remedy)
@@ -96,39 +97,39 @@ class Stray(Misread):
 
 @dataclass(slots=True)
 class _Nest:
-    """A branch, a loop or a routine that is open."""
+    """Branch, loop or routine whose end was not reached yet."""
 
     kind: str
-    begin: int
+    begin: int  # index of the operation that begins it
     turns: list[int] = field(default_factory=list)  # where its other branches begin
     leaves: list[int] = field(default_factory=list)  # where it is left, or begun anew
-    whole: bool = False  # whether one of its branches is always taken
+    whole: bool = False  # whether one of its branches is always taken, as with a default
 
 
-class Ways:
-    """Control flow of a program: steps that may follow others than the next one, by their indices.
+class ControlFlow:
+    """Control flow of a program: the operations that may follow each operation, besides the next one.
 
-    Ways that are never taken do no harm, missing ones would: a branch may be passed over, a jump not taken.
+    Successors that are never taken do no harm, but missing ones would: any branch may be skipped.
     """
 
     def __init__(self, ops: list[Op], names: list[str]) -> None:
         """Find both ends of all branches, loops, routines and jumps.
 
         Args:
-            ops: what is done, in the order of the text; ends of routines that are missing are added.
-            names: names of its `Flow`s, by the index; else empty.
+            ops: operations in the order of the text; missing ends of routines are appended to them.
+            names: name of each operation that is a `Flow`; empty for other operations.
 
         Raises:
-            Stray: something begins or ends without the other.
+            UnmatchedEnd: a beginning has no end, or an end has no beginning.
         """
-        self.leads: defaultdict[int, list[int]] = defaultdict(list)  # where each leads, but to the next
-        self.begins: dict[str, int] = {}  # where routines begin
-        self.ends: dict[int, str] = {}  # routines by their ends
-        self.routine: list[str] = []  # routine of each
+        self.leads: defaultdict[int, list[int]] = defaultdict(list)  # successors besides the next one
+        self.begins: dict[str, int] = {}  # index of the beginning of each routine
+        self.ends: dict[int, str] = {}  # routine by the index of its end
+        self.routine: list[str] = []  # routine of each operation
         self.aside: set[str] = set()  # routines that may run at any time
-        self.shared: set[str] = set()  # those that other programs may call
+        self.shared: set[str] = set()  # routines that other programs may call
         self._names, self._nests, self._open = names, list[_Nest](), [""]
-        self._labels: dict[str, dict[str, int]] = defaultdict(dict)  # by their routines
+        self._labels: dict[str, dict[str, int]] = defaultdict(dict)  # indices of labels, by routine
         self._jumps: list[int] = []
         for i, op in enumerate(ops):
             if isinstance(op, ir.Flow):
@@ -136,39 +137,51 @@ class Ways:
             self.routine.append(self.ends.get(i, self._open[-1]))
         while self._nests:
             if self._nests[-1].kind != "routine":
-                raise Stray(self._nests[-1].begin, "a branch or a loop has no end", "write its end")
+                raise UnmatchedEnd(self._nests[-1].begin, "a branch or a loop has no end", "write its end")
             ops.append(ir.Flow("end"))
-            self._end(len(ops) - 1, "end")
+            self._end_block(len(ops) - 1, "end")
             self.routine.append(self.ends[len(ops) - 1])
-        self.bodies: defaultdict[str, list[int]] = defaultdict(list)  # what routines do
+        self.bodies: defaultdict[str, list[int]] = defaultdict(list)  # indices of each routine's operations
         for i, name in enumerate(self.routine):
             self.bodies[name].append(i)
-        self._jump(names)
+        self._link_jumps(names)
         if any(not names[self.begins[handler]] for handler in self.aside):
-            self._fail()
+            self._add_error_exits()
 
-    def _jump(self, names: list[str]) -> None:
-        """Let jumps lead to their labels; one that is computed leads to all labels of its routine."""
+    def _link_jumps(self, names: list[str]) -> None:
+        """Let jumps lead to their labels; a computed jump leads to all labels of its routine.
+
+        Raises:
+            UnmatchedEnd: the label does not exist.
+        """
         for i in self._jumps:
             labels = self._labels[self.routine[i]]
             places = [labels[names[i]]] if names[i] in labels else [*labels.values()]
             if not places:
-                raise Stray(i, "a jump to a label that is nowhere", "write the label")
+                raise UnmatchedEnd(i, "the label of a jump does not exist", "write the label")
             self.leads[i] += places
 
-    def _fail(self) -> None:
-        """Let an error leave each routine anywhere: a handler of its caller may go on behind the call."""
+    def _add_error_exits(self) -> None:
+        """Let each operation lead to the end of its routine.
+
+        An error may occur anywhere, and a handler of the caller may then continue behind the call.
+        """
         for end, name in self.ends.items():
             for i in self.bodies[name][:-1]:
                 self.leads[i].append(end)
 
     def _take_operation(self, i: int, op: ir.Flow) -> None:
+        """Take the operation with index i into the control flow.
+
+        Raises:
+            UnmatchedEnd: it ends what did not begin, or is nested too deep.
+        """
         if op.kind in {"routine", "aside", "if", "loop", "repeat"}:
             if len(self._nests) >= _MAX_DEPTH:
-                reason = f"more than {_MAX_DEPTH} branches and loops within one another"
-                raise Stray(i, reason, "write routines of their own")
+                reason = f"branches and loops are nested more than {_MAX_DEPTH} deep"
+                raise UnmatchedEnd(i, reason, "write routines of their own")
             self._nests.append(
-                _Nest(op.kind, i) if op.kind in {"if", "loop", "repeat"} else self._begin(i, op)
+                _Nest(op.kind, i) if op.kind in {"if", "loop", "repeat"} else self._begin_routine(i, op)
             )
         elif op.kind == "label":
             self._labels[self._open[-1]][self._names[i]] = i
@@ -179,23 +192,33 @@ class Ways:
             for nest in [each for each in self._nests if each.kind in kinds][-1:]:
                 nest.leaves.append(i)
         else:
-            self._end(i, op.kind)
+            self._end_block(i, op.kind)
 
-    def _begin(self, i: int, op: ir.Flow) -> _Nest:
+    def _begin_routine(self, i: int, op: ir.Flow) -> _Nest:
+        """Begin a routine at index i; a handler without a name gets one.
+
+        Raises:
+            UnmatchedEnd: the routine is defined twice.
+        """
         name = self._names[i] or f"handler {i}"
         if name in self.begins:
-            raise Stray(i, "a routine is defined twice", "send one program")
+            raise UnmatchedEnd(i, "a routine is defined twice", "send one program")
         self.begins[name] = i
         self.aside |= {name} if op.kind == "aside" else set()
         self.shared |= {name} if op.shared else set()
         self._open.append(name)
         return _Nest("routine", i)
 
-    def _end(self, i: int, kind: str) -> None:
-        """End a branch, a loop or a routine, or begin another branch."""
+    def _end_block(self, i: int, kind: str) -> None:
+        """End a branch, a loop or a routine at index i, or begin another branch there.
+
+        Raises:
+            UnmatchedEnd: nothing of this kind is open.
+        """
         nest = self._nests[-1] if self._nests else None
         if nest is None or (kind != "any" and (kind == "end") != (nest.kind == "routine")):
-            raise Stray(i, "here ends what does not begin", "write both ends of branches, loops and routines")
+            reason = "here ends a branch, a loop or a routine that did not begin"
+            raise UnmatchedEnd(i, reason, "write both ends of branches, loops and routines")
         if kind in {"turn", "default"}:
             nest.turns.append(i)
             nest.whole |= kind == "default"
@@ -214,34 +237,41 @@ class Ways:
 
 
 class Machine:
-    """A program in the intermediate language, and its interpretation."""
+    """Interpreter of a program in the intermediate language."""
 
     def __init__(
         self, kind: str, sources: tuple[Source, ...], language: Language, allowed: Collection[str] = ()
     ) -> None:
-        """Begin with nothing; the user says that no `allowed` routine moves the robot or changes frames."""
+        """Prepare to interpret a program.
+
+        Args:
+            kind: name of the program's format.
+            sources: files of the program.
+            language: language of the format.
+            allowed: routines that, as the user states, neither move the robot nor change frames.
+        """
         self.sources, self._language = sources, language
         self._allowed = frozenset(each.upper() for each in allowed)
         self.numerals = [Numerals.of(source.text, language.number) for source in sources]
         self.columns = Columns(kind, sources, self.numerals, folded=language.folded)
         self._ops, self._places = list[Op](), list[Place]()
         self._scopes, self._closed = [Scope("")], Scope("")
-        self._initial: dict[str, Held] = {}  # what names have before the program runs
-        self._steady: set[str] = set()  # those that no other program changes
+        self._initial: dict[str, Held] = {}  # values of names before the program runs
+        self._steady: set[str] = set()  # names that no other program changes
         self._shared: set[str] = set()  # names that other programs use, too
         self._own: set[str] = set()  # names that no other program knows
-        self._changes: dict[str, list[Cause]] = defaultdict(list)  # what gives names a value, or may do
+        self._changes: dict[str, list[Cause]] = defaultdict(list)  # statements that may change each name
         self._used: dict[str, int] = {}  # names that are used otherwise than as targets, and a line
         self._causes: list[Cause] = []  # whatever is not understood
         # what may have changed the data of the controller in an earlier run
         self._earlier: Cause | None = None
-        self._anytime: dict[str, Cause] = {}  # what routines change that may run at any time
-        self._changed: dict[str, dict[str, Cause]] = defaultdict(dict)  # what routines may change
-        self._callers: dict[str, set[str]] = defaultdict(set)  # routines that call others
-        self._incoming: dict[int, State] = {}  # what is led to a place, other than from the step before
-        self._exits: dict[str, State | None] = {}  # what names have at the ends of routines
-        self._acts: dict[str, list[int]] = {}  # what routines do, but for moves
-        self._open: list[str] = []  # routines that are passed through
+        self._anytime: dict[str, Cause] = {}  # names that routines change which may run at any time
+        self._changed: dict[str, dict[str, Cause]] = defaultdict(dict)  # names that each routine may change
+        self._callers: dict[str, set[str]] = defaultdict(set)  # callers of each routine
+        self._incoming: dict[int, State] = {}  # state led to a place, other than from the step before
+        self._exits: dict[str, State | None] = {}  # state at the end of each routine
+        self._acts: dict[str, list[int]] = {}  # indices of each routine's operations other than moves
+        self._open: list[str] = []  # routines that are being passed through
         self._moved = True  # whether a state has changed in this pass
         self._repeats: dict[int, array[int]] = defaultdict(partial(array, "q"))  # lines and first numbers
         self._named: dict[str, FrameName] = {}  # frames that are known by name
@@ -251,7 +281,11 @@ class Machine:
     # reading
 
     def refuse(self, line: int | None, reason: str, remedy: str, source: int = 0) -> NoReturn:
-        """Refuse the whole program, whose text is not understood."""
+        """Refuse the whole program.
+
+        Raises:
+            ProgramError: always, with this fault.
+        """
         raise ProgramError([Fault(self.sources[source].name, line, reason, remedy)])
 
     def add(
@@ -263,7 +297,18 @@ class Machine:
         declares: str = "",
         translate: Callable[[str], list[tuple[int, Op]]] | None = None,
     ) -> None:
-        """Translate parts of a file; what a file of declarations assigns, names have from the beginning."""
+        """Translate statements of a file, and add their operations to the program.
+
+        Args:
+            source: index of the file.
+            starts: (k,) first character of each statement.
+            ends: (k,) last character + 1 of each statement.
+            declares: kind of the declarations in a file of data, which hold from the beginning; else "".
+            translate: function that translates the shape of a statement; that of the language by default.
+
+        Raises:
+            ProgramError: a statement is too long, or not understood at all.
+        """
         self._scopes = [Scope("")]
         translate = translate or self._language.translate
         lines = np.searchsorted(self.sources[source].starts, starts, side="right")
@@ -272,7 +317,7 @@ class Machine:
             reason = f"a statement of more than {_MAX_STATEMENT} characters"
             self.refuse(int(lines[long[0]]), reason, "split it", source)
         known: dict[str, list[tuple[int, Op]]] = {}
-        last: list[tuple[int, Op]] | None = None  # a move before, that others may repeat
+        last: list[tuple[int, Op]] | None = None  # move before, if the next one may differ in numbers only
         for shape, line, number in zip(shapes, lines.tolist(), first.tolist(), strict=True):
             ops = known.get(shape)
             if ops is None:
@@ -293,13 +338,22 @@ class Machine:
     def _take_operation(
         self, ops: Iterable[tuple[int, Op]], source: int, line: int, number: int, declares: str
     ) -> None:
+        """Add the operations of one statement to the program, or its declarations to the initial values.
+
+        Args:
+            ops: operations, each with its number of lines below the first line.
+            source: index of the file.
+            line: first line of the statement.
+            number: index of the statement's first number.
+            declares: kind of the declarations in a file of data; else "".
+        """
         for below, op in ops:
             if isinstance(op, ir.Flow):
-                self._enter(op)
+                self._enter_scope(op)
             scope = self._scopes[-1]
             place = Place(source, line + below, number, self.numerals[source].values, scope)
             if isinstance(op, ir.Use):
-                self._used.update((scope.name(name), place.line) for name in op.names)
+                self._used.update((scope.qualify(name), place.line) for name in op.names)
             elif isinstance(op, ir.Local):
                 scope.names.update(op.names if scope.routine else ())
             elif isinstance(op, ir.Assign) and (declares or op.declares):
@@ -308,9 +362,9 @@ class Machine:
                 self._places.append(place)
                 self._ops.append(op)
 
-    def _enter(self, op: ir.Flow) -> None:
+    def _enter_scope(self, op: ir.Flow) -> None:
         """Enter the scope of a routine, or leave it."""
-        if op.kind in {"routine", "aside"}:  # a handler has no name: it knows those of its routine
+        if op.kind in {"routine", "aside"}:  # a handler without a name shares the scope of its routine
             self._scopes.append(Scope(str(op.name)) if op.name else self._closed)
         elif op.kind in {"if", "loop", "repeat"}:
             self._scopes.append(self._scopes[-1])
@@ -318,10 +372,11 @@ class Machine:
             self._closed = self._scopes.pop()
 
     def _declare(self, place: Place, op: ir.Assign, kind: str) -> None:
-        name = place.name(op.name)
+        """Note the initial value of a name that is declared, and whether other programs may change it."""
+        name = place.qualify(op.name)
         self._shared |= {name} if op.shared or kind == "shared" else set()
         self._own |= {_name_of_whole(name)} if op.own else set()
-        held = self._value(place, name, op.value, {})
+        held = self._evaluate(place, name, op.value, {})
         if self._initial.setdefault(name, held) != held:
             self._initial[name] = place.cause(f"{name} is declared twice")
         if kind == "constant":
@@ -329,74 +384,76 @@ class Machine:
 
     # what holds for all of the program
 
-    def _collect(self) -> None:
-        """Find what may change names at all; a name that is changed is not what it was at first."""
+    def _collect_changes(self) -> None:
+        """Collect the statements that may change each name, anywhere in the program."""
         for place, op in zip(self._places, self._ops, strict=True):
             if isinstance(op, ir.Assign):
-                name = place.name(op.name)
+                name = place.qualify(op.name)
                 self._changes[name].append(place.cause(f"it gets numbers on line {place.line}"))
         for place, op in zip(self._places, self._ops, strict=True):
             if isinstance(op, ir.Havoc):
                 self._collect_havoc(place, op)
-            elif isinstance(op, ir.Call) and not (op.quiet and op.name not in self._ways.begins):
+            elif isinstance(op, ir.Call) and not (op.quiet and op.name not in self._flow.begins):
                 self._collect_call(place, op)
-        self._summarise()
-        for name in self._ways.aside:
+        self._summarise_routines()
+        for name in self._flow.aside:
             self._anytime.update(self._changed[name])
 
     def _collect_havoc(self, place: Place, op: ir.Havoc) -> None:
+        """Collect the changes by a statement that gives unknown values."""
         cause = place.cause(op.reason, op.remedy)
         self._causes.append(cause)
         self._earlier = self._earlier or (None if op.names else cause)
         if op.anytime:
             self._anytime[UNKNOWN] = cause
         for each in op.names:
-            self._changes[place.name(each)].append(cause)
+            self._changes[place.qualify(each)].append(cause)
 
     def _collect_call(self, place: Place, op: ir.Call) -> None:
-        cause = place.cause(f"{shown(str(op.name))} is given it, and may change it")
-        for passed in map(place.scope.name, op.passed):
+        """Collect the changes by a call; the routine may also change its arguments."""
+        cause = place.cause(f"{shown(str(op.name))} gets it as an argument, and may change it")
+        for passed in map(place.scope.qualify, op.passed):
             self._changes[passed].append(cause)
             self._anytime.update(dict.fromkeys(self._with_parts(passed), cause))
-        if op.name in self._ways.begins:
-            self._ways.aside |= {str(op.name)} if op.attached else set()
-        elif isinstance(op.name, tuple) and place.name(op.name) in self._changes:
-            pass  # an interrupt that the program declares
-        elif unknown := self._unknown(place, op):
+        if op.name in self._flow.begins:
+            self._flow.aside |= {str(op.name)} if op.attached else set()
+        elif isinstance(op.name, tuple) and place.qualify(op.name) in self._changes:
+            pass  # an interrupt that the program declares: its routine is collected at the declaration
+        elif unknown := self._why_unknown(place, op):
             self._causes.append(unknown)
             self._earlier = self._earlier or unknown
             if op.attached:
                 self._anytime[UNKNOWN] = unknown
         else:
             statement = "the request states that it neither moves the robot nor changes frames"
-            self.columns.remark(place.line, f"{op.name} is called; {statement}")
+            self.columns.add_remark(place.line, f"{op.name} is called; {statement}")
 
-    def _unknown(self, place: Place, op: ir.Call) -> Cause | None:
-        """Return why nothing is known behind a call of an unknown routine; None if vouched for."""
-        name = place.name(op.name)
+    def _why_unknown(self, place: Place, op: ir.Call) -> Cause | None:
+        """Return the cause why values are unknown behind a call; None if the routine is known or allowed."""
+        name = place.qualify(op.name)
         if op.quiet or name.upper() in self._allowed:
             return None
         reason = f"{shown(name)} is unknown: it may move the robot or change its frames"
         return place.cause(reason, f"if it does neither, name it in `leave_alone`: [{shown(name)}]")
 
     def _with_parts(self, name: str) -> list[str]:
-        """Return a name and those of all parts that it may have."""
+        """Return a name, and the names of all fields that it may have."""
         whole, of, routine = name.partition(OF)
         return [name, *(f"{whole}{part}{of}{routine}" for part in self._language.parts)]
 
     def _is_own(self, op: ir.Call) -> bool:
-        """Return whether a routine of the program is called here."""
-        return op.name in self._ways.begins and not op.attached
+        """Return whether an operation calls a routine of the program directly, not by an event."""
+        return op.name in self._flow.begins and not op.attached
 
-    def _summarise(self) -> None:
-        """Find what each routine, and those that it calls, may change."""
+    def _summarise_routines(self) -> None:
+        """Find the names that each routine may change, itself or by the routines that it calls."""
         callers = self._callers
         for i, op in enumerate(self._ops):
-            routine, state = self._ways.routine[i], dict[str, tuple[Held, int]]()
+            routine, state = self._flow.routine[i], dict[str, tuple[Held, int]]()
             if isinstance(op, ir.Call) and self._is_own(op):
                 callers[str(op.name)].add(routine)
             else:
-                self._assign(state, i)
+                self._update_state(state, i)
             for name, (held, line) in state.items():
                 reason = f"{name} changes while the program runs"
                 cause = Cause(line, reason, "give it once, in numbers", self._places[i].source)
@@ -412,21 +469,21 @@ class Machine:
     # propagation
 
     def _enter_routines(self) -> None:
-        """Lead to where the program, or a routine of it that others call, begins."""
-        main = next((name for name in self._ways.begins if name not in self._ways.aside), "")
+        """Set the states in which the main routine, and routines that others may call, begin."""
+        main = next((name for name in self._flow.begins if name not in self._flow.aside), "")
         if main and (self._language.callers or main not in self._callers):
             self._anytime.update(self._changed[""])
-        for name, begin in self._ways.begins.items():
+        for name, begin in self._flow.begins.items():
             called = name in self._callers
             if self._language.callers or (name == main and not called):
                 self._incoming[begin] = {}
-            elif not called or name in self._ways.aside | self._ways.shared:
+            elif not called or name in self._flow.aside | self._flow.shared:
                 reason = f"{shown(name)} may be called from elsewhere, with the frames of its caller"
                 cause = Cause(0, reason, "set the frames in the routine, before its moves")
                 self._incoming[begin] = {UNKNOWN: (cause, 0)}
 
     def _pass_routine(self, routine: str, indices: Iterable[int]) -> None:
-        """Carry states through a routine once; judge the moves that are among the indices."""
+        """Carry states through the operations `indices` of a routine once; judge the moves among them."""
         state: State | None = {}
         shared = False  # whether the state is kept elsewhere, too
         self._open.append(routine)
@@ -439,27 +496,27 @@ class Machine:
             if isinstance(op, ir.Flow):
                 state, shared = self._lead_onward(op, i, state), True
             elif state is not None and isinstance(op, ir.Call) and self._is_own(op):
-                state, shared = self._call(str(op.name), state), True
+                state, shared = self._follow_call(str(op.name), state), True
             elif state is not None:
                 if shared:
                     self._count_work(len(state))
                     state, shared = dict(state), False
-                self._assign(state, i)
+                self._update_state(state, i)
         self._open.pop()
         self._moved |= self._exits.get(routine) != state
         self._exits[routine] = state
 
     def _lead_onward(self, op: ir.Flow, i: int, state: State | None) -> State | None:
-        """Lead a state to where the program may go on; return the one behind a place."""
-        for place in self._ways.leads.get(i, ()):
+        """Lead a state from operation i to its successors; return the state behind the operation."""
+        for place in self._flow.leads.get(i, ()):
             self._lead_to(place, state)
         if op.kind in {"routine", "aside", "turn", "default"}:
             state = None
-        return self._joined(self._incoming.get(i), state)
+        return self._join_states(self._incoming.get(i), state)
 
-    def _call(self, routine: str, state: State) -> State | None:
-        """Return the state behind a call; None if no way leads back yet."""
-        is_new = self._lead_to(self._ways.begins[routine], state)
+    def _follow_call(self, routine: str, state: State) -> State | None:
+        """Return the state behind a call; None if the routine's end was not reached yet."""
+        is_new = self._lead_to(self._flow.begins[routine], state)
         if is_new and routine not in self._open and len(self._open) < _MAX_CALLS:
             self._pass_routine(routine, self._acts[routine])
         returned, changed = self._exits.get(routine), self._changed[routine]
@@ -471,24 +528,24 @@ class Machine:
         return {**state, **{name: self._value_and_line(returned, name) for name in changed}}
 
     def _lead_to(self, place: int, state: State | None) -> bool:
-        """Join a state into what is led to a place; return whether that is new."""
+        """Join a state with the states that lead to a place; return whether the place's state changed."""
         known = self._incoming.get(place)
-        joined = self._joined(known, state)
+        joined = self._join_states(known, state)
         if joined is None or joined is known:
             return False
         self._incoming[place] = joined
         self._moved = True
         return True
 
-    def _joined(self, known: State | None, state: State | None) -> State | None:
-        """Return what names have, whichever way was taken."""
+    def _join_states(self, known: State | None, state: State | None) -> State | None:
+        """Return the join of two states; a name whose values differ gets a cause why it is unknown."""
         if known is None or state is None or known == state:
             return state if known is None else known
         joined = dict(known)
         self._count_work(len(state) + len(known))
         for name in {**known, **state}:
-            (one, line), (other, later) = self._value_and_line(known, name), self._value_and_line(state, name)
-            if one != other and not isinstance(one, Cause):
+            (held, line), (other, later) = (self._value_and_line(each, name) for each in (known, state))
+            if held != other and not isinstance(held, Cause):
                 what = "whatever an unknown routine may change" if name == UNKNOWN else name
                 reason = f"{what} changes while the program runs: by a branch, a loop or a call"
                 cause = Cause(max(line, later), reason, "set it once, before branches, loops and calls")
@@ -496,53 +553,57 @@ class Machine:
         return known if joined == known else joined
 
     def _count_work(self, names: int) -> None:
+        """Count steps of the interpretation; refuse a program that takes too many."""
         self._work += names
         if self._work > _MAX_WORK:
             self.refuse(None, "the program has too many branches and names", "split it")
 
-    def _assign(self, state: State, i: int) -> None:
-        """Carry out an assignment, or what is not known."""
+    def _update_state(self, state: State, i: int) -> None:
+        """Change a state by operation i: an assignment, unknown values, or the call of an unknown routine."""
         op, place = self._ops[i], self._places[i]
         if isinstance(op, ir.Assign):
-            name = place.name(op.name)
-            state[name] = self._value(place, name, op.value, state), place.line
+            name = place.qualify(op.name)
+            state[name] = self._evaluate(place, name, op.value, state), place.line
         elif isinstance(op, ir.Havoc):
             cause = place.cause(op.reason, op.remedy)
             if not op.names:
                 self._forget_names(state, cause)
-            for each in map(place.name, op.names):
+            for each in map(place.qualify, op.names):
                 state.update(dict.fromkeys(self._with_parts(each), (cause, place.line)))
-        elif isinstance(op, ir.Call) and not op.attached and (unknown := self._unknown(place, op)):
+        elif isinstance(op, ir.Call) and not op.attached and (unknown := self._why_unknown(place, op)):
             self._forget_names(state, unknown)
 
     def _forget_names(self, state: State, cause: Cause) -> None:
+        """Forget the values of all names that an unknown routine may change, for a cause."""
         for name in [name for name in state if not self._is_steady(name)]:
             del state[name]
         state[UNKNOWN] = cause, cause.line
 
     def _is_steady(self, name: str) -> bool:
-        """Return whether no unknown routine changes what a name has."""
+        """Return whether no unknown routine can change the value of a name."""
         own = _name_of_whole(name) in self._own and not self._changed_by(name)
         return own or name in self._steady or OF in name
 
     def _changed_by(self, name: str) -> list[Cause]:
-        """Return what changes a name, the whole that it is a part of, or some of its array."""
+        """Return the causes that change a name, else its structure, else its array."""
         among = name, _name_of_whole(name), name.partition("[")[0]
         return next((changes for each in among if (changes := self._changes.get(each))), [])
 
-    def _value(self, place: Place, name: str, value: Value, state: State) -> Held:
+    def _evaluate(self, place: Place, name: str, value: Value, state: State) -> Held:
+        """Return the value that a name gets by an assignment at a place, in a state."""
         if isinstance(value, Literal):
             return Given(name, place.source, place.line, place.first, value)
-        held: Held = place.name(value.name)
+        held: Held = place.qualify(value.name)
         if "\0" in held:
             return place.cause("the number of a frame is not a whole number")
+        # The value of another name is looked up once, and once more if that name holds a name.
         for _ in range(isinstance(value, ir.Copy) + (isinstance(value, ir.Copy) and value.through)):
             if isinstance(held, str):
                 held = self._value_and_line(state, held)[0]
         return held
 
     def _value_and_line(self, state: State, name: str) -> tuple[Held, int]:
-        """Return what a name has in a state, and the line that gave it."""
+        """Return the value of a name in a state, and the line that gave the value."""
         if name == UNKNOWN:
             return state.get(name, ("", 0))
         if _name_of_whole(name) in self._language.constants:
@@ -553,13 +614,13 @@ class Machine:
             return state[name]
         if held is None and UNKNOWN in state and not steady:
             held = state[UNKNOWN][0]
-        held = held or self._at_first(name, steady=steady)
+        held = held or self._initial_value(name, steady=steady)
         if isinstance(held, Cause) and self._language.is_frame(name):
             held = held._replace(shows=name)
         return held, held.line if isinstance(held, Cause) else 0
 
-    def _at_first(self, name: str, *, steady: bool) -> Held:
-        """Return what a name has when the program begins."""
+    def _initial_value(self, name: str, *, steady: bool) -> Held:
+        """Return the value of a name when the program begins; `steady` if no unknown routine changes it."""
         changes = self._changed_by(name)
         if name in self._initial and not changes:
             return self._initial[name] if steady or self._earlier is None else self._earlier
@@ -574,12 +635,12 @@ class Machine:
 
     # judgement
 
-    def interpreted(self) -> tuple[Columns, dict[str, int], list[Cause]]:
+    def interpret(self) -> tuple[Columns, dict[str, int], list[Cause]]:
         """Read and interpret the program.
 
         Returns:
-            Targets and moves, names that are used otherwise than as targets with a line, and whatever is not
-            understood.
+            Targets and moves; lines of names that are used for something else than targets; causes why
+            statements are not understood.
 
         Raises:
             ProgramError: the text is not understood.
@@ -589,17 +650,19 @@ class Machine:
         else:
             self.add(0, self.sources[0].starts, self.sources[0].ends)
         names = [
-            self._places[i].name(op.name) if isinstance(op, ir.Flow) else "" for i, op in enumerate(self._ops)
+            self._places[i].qualify(op.name) if isinstance(op, ir.Flow) else ""
+            for i, op in enumerate(self._ops)
         ]
         try:
-            self._ways = Ways(self._ops, names)
-        except Stray as fault:
+            self._flow = ControlFlow(self._ops, names)
+        except UnmatchedEnd as fault:
             place = self._places[fault.place]
             self.refuse(place.line, fault.reason, fault.remedy, place.source)
+        # Ends of routines that were appended get the place of the last statement.
         self._places += self._places[-1:] * (len(self._ops) - len(self._places))
-        self._collect()
+        self._collect_changes()
         self._enter_routines()
-        bodies = self._ways.bodies
+        bodies = self._flow.bodies
         for name, body in bodies.items():
             self._acts[name] = [i for i in body if not isinstance(self._ops[i], ir.Move | ir.Keep)]
         order = list(bodies)
@@ -607,29 +670,29 @@ class Machine:
             self._moved = False
             for name in order:
                 self._pass_routine(name, self._acts[name])
-            order.reverse()  # what routines return goes up in one pass, what they are given down
+            order.reverse()  # callers first carries states into routines, callees first carries them back
         for name, body in bodies.items():
             self._pass_routine(name, body)
         return self.columns, self._used, self._causes
 
     def _judge_move(self, op: ir.Move | ir.Keep, i: int, state: State | None) -> None:
-        """Tell the columns what is known of a move: targets, frames, and why it is left."""
+        """Add a move, operation i, to the columns, with targets and frames, or the cause why it is left."""
         place = self._places[i]
         if isinstance(op, ir.Keep):
             text = f"a move to {op.name}, a position stored in the controller"
-            self.columns.remark(place.line, text, op.name)
+            self.columns.add_remark(place.line, text, op.name)
             return
         if state is None:
             state = {UNKNOWN: (Cause(0, "the program never reaches this line", "omit the move"), 0)}
         frames = [
-            (self._frame(place, base, state), self._frame(place, tool, state))
+            (self._evaluate_frame(place, base, state), self._evaluate_frame(place, tool, state))
             for base, tool in zip(op.bases, op.tools, strict=True)
         ]
         cause = self._why_left(place, op, frames, state)
         repeats = np.asarray(self._repeats.get(i, ()), dtype=np.intp).reshape(-1, 2)
         if len(repeats) and cause is None:
             lines, first = np.vstack([[place.line, place.first], repeats]).T
-            self.columns.block(op, place.source, lines, first, frames[0])
+            self.columns.add_moves(op, place.source, lines, first, frames[0])
             return
         at = place.line, place.source
         here = cause is not None and (not cause.line or (cause.line, cause.source) == at)
@@ -641,19 +704,19 @@ class Machine:
     def _add_move(
         self, op: ir.Move, place: Place, cause: Cause | None, frames: list[Frames], state: State
     ) -> None:
-        """Tell the columns of one move."""
-        held = [self._target(place, each, state) for each in op.targets]
+        """Add one move to the columns, with its targets in a state; it is left if there is a cause."""
+        held = [self._evaluate_target(place, each, state) for each in op.targets]
         cause = cause or next((each for each in held if isinstance(each, Cause)), None)
         if cause is not None:
             self._used.update(
-                (place.name(name), place.line) for name in op.targets if not isinstance(name, Literal)
+                (place.qualify(name), place.line) for name in op.targets if not isinstance(name, Literal)
             )
             cause = cause if cause.line else cause._replace(line=place.line, source=place.source)
         given = [each for each in held if isinstance(each, Given)]
-        self.columns.move(op, place.line, given, frames, cause)
+        self.columns.add_move(op, place.line, given, frames, cause)
 
     def _why_left(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> Cause | None:
-        """Return why a move is left whatever its targets are."""
+        """Return the cause why a move is left, apart from its targets; None without a cause."""
         if op.reason:
             return place.cause(op.reason, op.remedy)
         for each in (each for pair in frames for each in pair):
@@ -670,10 +733,11 @@ class Machine:
                 return place.cause(reason, "activate the frame that it is recorded with")
         return None
 
-    def _target(self, place: Place, target: Literal | Name, state: State) -> Given | Cause:
+    def _evaluate_target(self, place: Place, target: Literal | Name, state: State) -> Given | Cause:
+        """Return the numbers of a target in a state, or the cause why they are unknown."""
         if isinstance(target, Literal):
             return Given("", place.source, place.line, place.first, target)
-        name = place.name(target)
+        name = place.qualify(target)
         held, changes = self._value_and_line(state, name)[0], self._changes.get(name, [])
         reason = held.reason if isinstance(held, Cause) and held.line else ""
         if len(changes) + (name in self._initial) > 1:
@@ -685,10 +749,10 @@ class Machine:
         unknown = f"the target {shown(name)} is not given by constant numbers"
         return place.cause(f"{unknown}: {reason}" if reason else unknown, self._language.remedy)
 
-    def _frame(self, place: Place, value: Value | ir.Product, state: State) -> FrameName | Cause:
-        """Return a frame; of several ones, each is in the one before."""
+    def _evaluate_frame(self, place: Place, value: Value | ir.Product, state: State) -> FrameName | Cause:
+        """Return a frame in a state, or the cause why it is unknown; frames of a product are multiplied."""
         values = [ir.Copy(name) for name in value.names] if isinstance(value, ir.Product) else [value]
-        held = [self._value(place, "", each, state) for each in values]
+        held = [self._evaluate(place, "", each, state) for each in values]
         for each in held:
             if isinstance(each, Cause):
                 return each
@@ -696,30 +760,32 @@ class Machine:
         if len(given) < len(held):
             names = {_name_of_whole(each) for each in held if isinstance(each, str)}
             if given or len(names) > 1:
-                return place.cause("a frame has numbers in part", "give the whole frame in numbers")
+                return place.cause("only part of the frame is in numbers", "give the whole frame in numbers")
             name = names.pop()
-            return self._by_name(place, name)
+            return self._frame_by_name(place, name)
         if given not in self._poses:
-            self._poses[given] = self._pose(given)
+            self._poses[given] = self._multiply_poses(given)
         first, pose = given[0], self._poses[given]
         label, _, routine = first.label.partition(OF)
         if not (routine or self._language.is_frame(label)):
             label = f"{label or 'frame'} of line {first.line}"
         if pose is None:
-            reason = f"{label} is no whole frame in numbers"
+            reason = f"{label} is not a whole frame in numbers"
             return Cause(first.line, reason, "give the whole frame in numbers", first.source)
-        return FrameName(self._said(place, label), pose)
+        return FrameName(self._spell(place, label), pose)
 
-    def _by_name(self, place: Place, name: str) -> FrameName:
+    def _frame_by_name(self, place: Place, name: str) -> FrameName:
+        """Return a frame that is known by its name only, with a pose if no program can change the frame."""
         if name not in self._named:
-            self._named[name] = FrameName(self._said(place, name), self._language.constants.get(name))
+            self._named[name] = FrameName(self._spell(place, name), self._language.constants.get(name))
         return self._named[name]
 
-    def _said(self, place: Place, name: str) -> str:
-        return self.columns.in_words(name, place.source, place.line)
+    def _spell(self, place: Place, name: str) -> str:
+        """Return a name as the program spells it near a place."""
+        return self.columns.restore_spelling(name, place.source, place.line)
 
-    def _pose(self, given: Iterable[Given]) -> FloatArray | None:
-        """Return the product (4, 4) [m] of poses in numbers; None if one is no pose."""
+    def _multiply_poses(self, given: Iterable[Given]) -> FloatArray | None:
+        """Return the product (4, 4) [m] of poses in numbers; None if the numbers of one are not a pose."""
         poses = []
         for each in given:
             notation = each.literal.notation

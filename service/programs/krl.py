@@ -9,7 +9,7 @@ import numpy as np
 
 from jointstiff.service.programs import language as ir
 from jointstiff.service.programs.interpreter import Machine
-from jointstiff.service.programs.language import UNKNOWN_STATEMENT, Line, Misread, Op, parts
+from jointstiff.service.programs.language import UNKNOWN_STATEMENT, Line, Misread, Op, split_outside_brackets
 from jointstiff.service.programs.notation import Notation, Orientation
 from jointstiff.service.programs.program import Literal, Motion, Source
 
@@ -47,7 +47,9 @@ _RESERVED: Final = (
 _REMEDY: Final = "write X, Y, Z, A, B, C (or A1 ... A6) in numbers, and send the .dat that declares them"
 _FRAME_REMEDY: Final = "give the whole frame in numbers, or as BASE_DATA[i] or TOOL_DATA[i]"
 _NAME: Final = r"\$?[^\W\d]\w*+"
-_NOT_WHOLE: Final = "the target is no whole pose or angles in numbers, or the text after it is unknown"
+_NOT_WHOLE: Final = (
+    "the target is neither a whole pose nor all joint angles in numbers, or the text after it is unknown"
+)
 # A name may end with a word of the language: MYWITH, XC_DIS.
 _WITH: Final = re.compile(r" ?(?<![\w$])WITH ")
 _BLEND: Final = re.compile(r" ?(?<![\w$])C_(?:PTP|DIS|VEL|ORI|SPL)")
@@ -60,15 +62,18 @@ _BEFORE: Final = "set $TOOL and $BASE before the move"
 
 
 def _names_in_value(line: Line, text: str) -> list[Op]:
-    """Return what a value uses and calls, also one of several fields."""
-    return line.expression(_SEPARATED.sub(",", text) if text.startswith("{") else text)
+    """Return the operations of a value, which may be an expression or a structure `{...}`."""
+    return line.read_expression(_SEPARATED.sub(",", text) if text.startswith("{") else text)
 
 
-def _struct(line: Line, start: int, end: int) -> dict[str, int | str]:
-    """Return the fields of `{...}`: ordinals of numbers, and texts; none if one is computed."""
+def _read_struct(line: Line, start: int, end: int) -> dict[str, int | str]:
+    """Return the fields of a structure `{...}` by name: ordinals of numbers, or texts.
+
+    The result is empty if a field is computed or occurs twice, or if there is no structure.
+    """
     match = re.compile(r"\{(?:\w+:)?([^{}]*)\}").fullmatch(line.text, start, end)
-    numbers, fields = iter(line.numbers(start, end)), dict[str, int | str]()
-    for first, last in parts(line.text[: match.end(1)], match.start(1)) if match else ():
+    numbers, fields = iter(line.ordinals_in(start, end)), dict[str, int | str]()
+    for first, last in split_outside_brackets(line.text[: match.end(1)], match.start(1)) if match else ():
         field = _FIELD.fullmatch(line.text, first, last)
         if field is None or field[1] in fields:
             return {}
@@ -76,8 +81,8 @@ def _struct(line: Line, start: int, end: int) -> dict[str, int | str]:
     return fields
 
 
-def _pose(fields: dict[str, int | str]) -> Literal | None:
-    """Return the target that fields are; None if they are no whole one."""
+def _find_target(fields: dict[str, int | str]) -> Literal | None:
+    """Return the target whose numbers the fields are; None if they are no complete pose or set of angles."""
     numbers = {name: value for name, value in fields.items() if isinstance(value, int)}
     for notation, names in _POSES:
         if numbers.keys() >= set(names):
@@ -88,17 +93,21 @@ def _pose(fields: dict[str, int | str]) -> Literal | None:
     return None
 
 
-def _frames_of(name: str, value: str) -> list[Op]:
+def _copy_frames(name: str, value: str) -> list[Op]:
+    """Return the operations that copy base and tool of one frame data to another."""
     return [ir.Assign(f"{name}.{which}", ir.Copy(f"{value}.{which}")) for which in ("BASE", "TOOL")]
 
 
-def _value(line: Line, name: ir.Name, start: int, end: int) -> list[Op]:
-    """Return what a name gets: numbers, what another name has, or what is not known."""
-    text, fields = line.text[start:end], _struct(line, start, end)
-    if pose := _pose(fields):
+def _translate_value(line: Line, name: ir.Name, start: int, end: int) -> list[Op]:
+    """Return the operations of an assignment of the text between two places to a name.
+
+    The value is numbers, that of another name, or unknown.
+    """
+    text, fields = line.text[start:end], _read_struct(line, start, end)
+    if pose := _find_target(fields):
         return [ir.Assign(name, pose)]
     frames = {which: fields.get(f"{which}_NO") for which in ("BASE", "TOOL")}
-    # KSS: #TCP is a tool fixed in the cell
+    # KSS: with IPO_FRAME #TCP the tool is fixed in the cell, and the arm carries the part
     if None not in frames.values() and fields.get("IPO_FRAME", "#BASE") == "#BASE":
         return [
             ir.Assign(f"{name}.{which}", ir.Named((f"{which}_DATA[%s]", number)))
@@ -106,91 +115,109 @@ def _value(line: Line, name: ir.Name, start: int, end: int) -> list[Op]:
             if isinstance(number, int)
         ]
     if name == "FDAT_ACT" and re.fullmatch(_NAME, text):
-        return _frames_of("FDAT_ACT", text)
+        return _copy_frames("FDAT_ACT", text)
     if name in {"$BASE", "$TOOL"} and re.fullmatch(_NAME, text):
         return [ir.Use(frozenset({text})), ir.Assign(name, ir.Copy(text))]
     if name in {"$BASE", "$TOOL"} and text == f"{str(name)[1:]}_DATA[\0]":
-        return [ir.Assign(name, ir.Copy((text.replace("\0", "%s"), line.numbers(start, end)[0])))]
-    return [*_names_in_value(line, text), _unknown(name)]
+        return [ir.Assign(name, ir.Copy((text.replace("\0", "%s"), line.ordinals_in(start, end)[0])))]
+    return [*_names_in_value(line, text), _forget_name(name)]
 
 
-def _unknown(name: ir.Name) -> Op:
+def _forget_name(name: ir.Name) -> Op:
+    """Return the operation by which the value of a name becomes unknown."""
     text = name if isinstance(name, str) else name[0] % "i"
     is_frame = text in {"$BASE", "$TOOL", "FDAT_ACT"} or "_DATA" in text
     reason = f"{text} changes while the program runs: it is computed, or set in part"
     return ir.Havoc(frozenset({name}), reason, _FRAME_REMEDY if is_frame else _REMEDY)
 
 
-def _declared(line: Line) -> list[Op]:
+def _translate_declaration(line: Line) -> list[Op]:
+    """Return the operations of a declaration of one or several names, with or without values.
+
+    Raises:
+        Misread: the declaration is not understood.
+    """
     ops: list[Op] = []
     shared = re.search(r"\bGLOBAL\b", line.text[: line.span("names")[0]]) is not None
-    for start, end in parts(line.text, line.span("names")[0]):
+    for start, end in split_outside_brackets(line.text, line.span("names")[0]):
         match = re.compile(rf"({_NAME})(?:\[(.*?)\])?(?:=(.+))?").fullmatch(line.text, start, end)
         if match is None or re.fullmatch(_RESERVED, match[1]):
             raise Misread("the declaration is unknown")
         name, index, value = match.groups()
-        ops += [ir.Local(frozenset({name})), *line.expression(index or "")]
+        ops += [ir.Local(frozenset({name})), *line.read_expression(index or "")]
         if value and index is not None:
-            ops += [*_names_in_value(line, value), _unknown(name)]
+            ops += [*_names_in_value(line, value), _forget_name(name)]
         elif value:
-            given = _value(line, name, *match.span(3))
+            given = _translate_value(line, name, *match.span(3))
             ops += [op._replace(shared=shared) if isinstance(op, ir.Assign) else op for op in given]
     return ops
 
 
-def _assigned(line: Line) -> list[Op]:
+def _translate_assignment(line: Line) -> list[Op]:
+    """Return the operations of an assignment; an element or a field that is set makes the name unknown.
+
+    Raises:
+        Misread: a system variable that may move targets is set, or the index of a frame is computed.
+    """
     name, index = line["name"], line["index"]
     target: ir.Name = name
     if name in {"BASE_DATA", "TOOL_DATA"}:
         if not index.startswith("[\0]"):
-            raise Misread(f"{name} of a computed number", _FRAME_REMEDY)
-        target, index = (f"{name}[%s]", line.number("index")), index.removeprefix("[\0]")
+            raise Misread(f"the index of {name} is computed", _FRAME_REMEDY)
+        target, index = (f"{name}[%s]", line.first_ordinal("index")), index.removeprefix("[\0]")
     elif _MOVING.match(line.text):
         raise Misread(f"the controller's variable {name} may move targets", "omit it")
     inner = index.strip("[]").replace("][", ",").replace("].", "+") if "[" in index else ""
-    uses = line.expression(inner)
+    uses = line.read_expression(inner)
     if index or (name.startswith("$") and name not in {"$BASE", "$TOOL"}):
-        changes = [] if name.startswith("$") and name not in {"$BASE", "$TOOL"} else [_unknown(target)]
+        changes = [] if name.startswith("$") and name not in {"$BASE", "$TOOL"} else [_forget_name(target)]
         return [*uses, *_names_in_value(line, line["value"]), *changes]
-    return [*uses, *_value(line, target, *line.span("value"))]
+    return [*uses, *_translate_value(line, target, *line.span("value"))]
 
 
-def _move(line: Line) -> list[Op]:
+def _translate_move(line: Line) -> list[Op]:
+    """Return the operations of a move; a move that is relative or has no complete target is left.
+
+    Raises:
+        Misread: there is no target, or the settings of the move are unknown.
+    """
     motion, begin = _MOTIONS[line["motion"]], line.span("rest")[0]
-    end, settings = _end_of_targets(line.text, begin)
+    end, settings = _find_end_of_targets(line.text, begin)
     if end == begin:
         raise Misread(_NOT_WHOLE)
     found, own = _names_after_with(line, settings)
     targets: list[Literal | ir.Name | None] = []
-    for start, stop in parts(line.text[:end], begin):
+    for start, stop in split_outside_brackets(line.text[:end], begin):
         name = line.text[start:stop]
         if _KEPT.fullmatch(name):
             if name != line.text[begin:end]:
                 raise Misread("an arc through a position stored in the controller")
             return [*found, ir.Keep(name)]
         named = re.fullmatch(_NAME, name) and not re.fullmatch(_RESERVED, name)
-        targets.append(name if named else _pose(_struct(line, start, stop)))
+        targets.append(name if named else _find_target(_read_struct(line, start, stop)))
     known = tuple(each for each in targets if each is not None)
     if line["relative"] or len(known) < len(targets) or len(known) != 1 + (motion is Motion.CIRCULAR):
         reason = "a relative move" if line["relative"] else _NOT_WHOLE
-        return ir.left([*found, *line.expression(_SEPARATED.sub(",", line.text[begin:end]))], reason, _REMEDY)
+        return ir.leave_move(
+            [*found, *line.read_expression(_SEPARATED.sub(",", line.text[begin:end]))], reason, _REMEDY
+        )
     base, tool = ir.Copy("$BASE"), ir.Copy("$TOOL")
     if own:
         base, tool = (ir.Copy(f"{own}.{which}", through=True) for which in ("BASE", "TOOL"))
     return [*found, ir.Move(motion, known, (base,) * len(known), (tool,) * len(known))]
 
 
-def _end_of_targets(text: str, begin: int) -> tuple[int, str]:
-    """Return where the targets end that begin at a place, and the settings after WITH."""
+def _find_end_of_targets(text: str, begin: int) -> tuple[int, str]:
+    """Return where the targets of a move end that begin at a place, and the settings after WITH as text."""
     match = _WITH.search(text, begin)
     if match is None:
-        return _without_blends(text, begin, len(text)), ""
-    settings = text[match.end() : _without_blends(text, match.end(), len(text))]
-    return _without_blends(text, begin, match.start()), settings
+        return _strip_blends(text, begin, len(text)), ""
+    settings = text[match.end() : _strip_blends(text, match.end(), len(text))]
+    return _strip_blends(text, begin, match.start()), settings
 
 
-def _without_blends(text: str, begin: int, end: int) -> int:
-    """Return the end of a text without the words of approximate positioning that it ends with."""
+def _strip_blends(text: str, begin: int, end: int) -> int:
+    """Return the end of the text between two places without words of approximate positioning, as C_DIS."""
     while match := _BLEND.search(text, max(begin, end - _LONGEST_BLEND), end):
         if match.end() < end:
             break
@@ -199,9 +226,13 @@ def _without_blends(text: str, begin: int, end: int) -> int:
 
 
 def _names_after_with(line: Line, text: str) -> tuple[list[Op], str]:
-    """Return the names used by the settings after WITH, and the name of the frame data."""
+    """Return the operations of the settings after WITH, and the name of the move's own frame data or "".
+
+    Raises:
+        Misread: a setting is unknown, calls a routine, or sets only one of base and tool.
+    """
     own, found = dict[str, str](), list[Op]()
-    for start, end in parts(text) if text else ():
+    for start, end in split_outside_brackets(text) if text else ():
         setting = text[start:end]
         if match := _OWN_FRAME.fullmatch(setting):
             own[match[1]] = match[2]
@@ -209,15 +240,23 @@ def _names_after_with(line: Line, text: str) -> tuple[list[Op], str]:
             raise Misread("the settings of the move are unknown, or frames of its own", _BEFORE)
         else:
             found += _names_in_value(line, setting.partition("=")[2])
-    if ir.calls(found) or (own and (not {"BASE", "TOOL"} <= own.keys() or len(set(own.values())) > 1)):
+    if ir.calls_routine(found) or (
+        own and (not {"BASE", "TOOL"} <= own.keys() or len(set(own.values())) > 1)
+    ):
         raise Misread("the settings of the move call a routine, or set one frame only", _BEFORE)
     return found, own.get("TOOL", "")
 
 
-def _spline(line: Line) -> list[Op]:
-    """Take the beginning of a block of splines; the frames of a block are not known in it."""
+def _translate_spline(line: Line) -> list[Op]:
+    """Return the operations of the beginning of a block of splines.
+
+    If the block has frames of its own, base and tool are unknown.
+
+    Raises:
+        Misread: the statement has a target, or unknown settings.
+    """
     begin = line.span("rest")[0]
-    end, settings = _end_of_targets(line.text, begin)
+    end, settings = _find_end_of_targets(line.text, begin)
     if end > begin:
         raise Misread(UNKNOWN_STATEMENT)
     found, own = _names_after_with(line, settings)
@@ -225,32 +264,42 @@ def _spline(line: Line) -> list[Op]:
     return [*found, *([ir.Havoc(frozenset({"$BASE", "$TOOL"}), reason, remedy)] if own else [])]
 
 
-def _routine(line: Line) -> list[Op]:
+def _translate_routine(line: Line) -> list[Op]:
+    """Return the operations of the head of a routine, with its parameters."""
     names = re.findall(rf"({_NAME})(?::\w+)?", line["own"])
-    return ir.routine(line["name"], names, _REMEDY, shared=line.text.startswith("GLOBAL"))
+    return ir.begin_routine(line["name"], names, _REMEDY, shared=line.text.startswith("GLOBAL"))
 
 
-def _attach_routine(line: Line) -> list[Op]:
-    """Take an interrupt or a trigger: what it calls may run at any time."""
+def _translate_attachment(line: Line) -> list[Op]:
+    """Return the operations of an interrupt or a trigger, whose routine may run at any time."""
     action = re.sub(r" ?\bPRIO=", "+", line["action"]).replace("=", "+", 1)
-    found = [*line.expression(line["when"]), *line.expression(action)]
-    # BAS: IR_STOPM waits
-    found = ir.attached([op for op in found if not (isinstance(op, ir.Call) and op.name == "IR_STOPM")])
-    name = "INTERRUPT %s", line.number("number") if line["number"] else 0
+    found = [*line.read_expression(line["when"]), *line.read_expression(action)]
+    # BAS: IR_STOPM only stops the robot and waits.
+    found = ir.mark_attached([op for op in found if not (isinstance(op, ir.Call) and op.name == "IR_STOPM")])
+    name = "INTERRUPT %s", line.first_ordinal("number") if line["number"] else 0
     return [ir.Assign(name, ir.Named(name)), *found] if line["number"] else found
 
 
-def _bas(line: Line) -> list[Op]:
+def _translate_bas(line: Line) -> list[Op]:
+    """Return the operations of a call of `BAS`, which sets frames, speeds and accelerations.
+
+    Raises:
+        Misread: the function is unknown, or its argument is not a number.
+    """
     which, argument = line["which"], line["argument"]
     if which in {"TOOL", "BASE"} and argument == "\0":
-        return [ir.Assign(f"${which}", ir.Copy((f"{which}_DATA[%s]", line.number("argument"))))]
+        return [ir.Assign(f"${which}", ir.Copy((f"{which}_DATA[%s]", line.first_ordinal("argument"))))]
     if which not in _BAS:
-        raise Misread(f"BAS(#{which}) with what is no number, or is not known")
-    return [*line.expression(argument), *_BAS[which]]
+        raise Misread(f"BAS(#{which}) is unknown, or its argument is not a number")
+    return [*line.read_expression(argument), *_BAS[which]]
 
 
 def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
-    """Read a .src, and the .dat files next to it."""
+    """Add a .src and the .dat files sent with it to a machine.
+
+    Raises:
+        ProgramError: a .dat belongs to another program.
+    """
     main = re.search(
         rf"(?im)^[ \t]*+(?:GLOBAL[ \t]++)?DEF(?:FCT[ \t]++\w++)?[ \t]++({_NAME})", sources[0].text
     )
@@ -262,7 +311,7 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
             reason, remedy = f"it declares data of {data[1]}, not of {main[1]}", "send the .dat of the .src"
             machine.refuse(source.line(data.start()), reason, remedy, index)
         declares = source.name.lower().endswith(".dat") and len(sources) > 1
-        # no other program changes a .dat that is not public
+        # Only a .dat that is public, and $config.dat, can be changed by other programs.
         kind = "shared" if is_config else "variable" if data and data[2] else "constant"
         machine.add(index, source.starts, source.ends, declares=kind if declares else "")
 
@@ -290,7 +339,10 @@ LANGUAGE: Final = ir.Language(
     parts=(".BASE", ".TOOL"),
     is_frame=lambda name: name.startswith(("BASE_DATA[", "TOOL_DATA[")),
     rules=(
-        (rf"(?:GLOBAL )?DEF(?:FCT {_NAME}(?:\[\])?)? @{{name}}(?:\((?P<own>.*)\))?(?: ?PUBLIC)?", _routine),
+        (
+            rf"(?:GLOBAL )?DEF(?:FCT {_NAME}(?:\[\])?)? @{{name}}(?:\((?P<own>.*)\))?(?: ?PUBLIC)?",
+            _translate_routine,
+        ),
         (
             r"DEFDAT \w+(?: PUBLIC)?|ENDDAT|HALT|CONTINUE|ENDSPLINE.*|INTERRUPT (?:ON|OFF)|INTERRUPT OFF \0",
             "",
@@ -302,7 +354,10 @@ LANGUAGE: Final = ir.Language(
         (r"DEFAULT", "default"),
         (r"ENDIF|ENDSWITCH|ENDFOR|ENDWHILE|ENDLOOP|UNTIL ?(.+)", "close"),
         (r"WHILE ?(.+)", "loop"),
-        (r"FOR @{name}=(.+?) ?\bTO (.+?)(?: ?\bSTEP (.+))?", lambda line: ir.counted(line["name"], _REMEDY)),
+        (
+            r"FOR @{name}=(.+?) ?\bTO (.+?)(?: ?\bSTEP (.+))?",
+            lambda line: ir.begin_counted_loop(line["name"], _REMEDY),
+        ),
         (r"LOOP|REPEAT", "repeat"),
         (r"EXIT", "leave"),
         (r"GOTO @{name}", "jump"),
@@ -311,32 +366,32 @@ LANGUAGE: Final = ir.Language(
         (r"WAIT (?:SEC|FOR) ?(.+)|ANOUT (?:ON|OFF) ?(.+)|(PULSE\(.*\))", ""),
         (
             rf"(?:GLOBAL )?INTERRUPT DECL #{{number}} WHEN (?P<when>.+?) ?DO (?P<action>{_NAME}\(.*\))",
-            _attach_routine,
+            _translate_attachment,
         ),
         (
             r"INTERRUPT ON #{number}",
-            lambda line: [ir.Call(("INTERRUPT %s", line.number("number")), attached=True)],
+            lambda line: [ir.Call(("INTERRUPT %s", line.first_ordinal("number")), attached=True)],
         ),
         (
             rf"TRIGGER WHEN (?:DISTANCE|PATH)=(.+?) DELAY=(.+?) ?DO (?P<action>(?:\$OUT\[|{_NAME}\().*)",
-            _attach_routine,
+            _translate_attachment,
         ),
         (
             r"(?:GLOBAL )?(?:INTERRUPT DECL|TRIGGER) .*",
             lambda line: [ir.Call(line.text.replace("\0", "n"), attached=True)],
         ),
-        (r"BAS\(#(?P<which>\w+)(?:,(?P<argument>.+))?\)", _bas),
-        (r"(?:PTP_)?SPLINE(?P<rest>(?: .*)?)", _spline),
+        (r"BAS\(#(?P<which>\w+)(?:,(?P<argument>.+))?\)", _translate_bas),
+        (r"(?:PTP_)?SPLINE(?P<rest>(?: .*)?)", _translate_spline),
         (
             rf"(?:(?:DECL |GLOBAL |CONST )+{_NAME}|(?:GLOBAL )?(?:INT|REAL|BOOL|CHAR|FRAME"
             rf"|(?:E6)?(?:POS|AXIS)|[FPL]DAT|LOAD)) (?P<names>{_NAME}.*)",
-            _declared,
+            _translate_declaration,
         ),
-        (r"@{name}\(.*\)", lambda line: line.expression(line.text)),
-        (rf"(?P<name>{_NAME})(?P<index>(?:\[[^\]=]*+\]|\.\w++)*)=(?!=)(?P<value>.+)", _assigned),
+        (r"@{name}\(.*\)", lambda line: line.read_expression(line.text)),
+        (rf"(?P<name>{_NAME})(?P<index>(?:\[[^\]=]*+\]|\.\w++)*)=(?!=)(?P<value>.+)", _translate_assignment),
         (
             r"S?(?P<motion>PTP|LIN|CIRC|SPL)(?P<relative>_REL)?(?: |(?=\{))(?P<rest>.+)",
-            _move,
+            _translate_move,
         ),
     ),
 )

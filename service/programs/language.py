@@ -32,20 +32,20 @@ Name: TypeAlias = str | tuple[str, int]
 
 
 class Copy(NamedTuple):
-    """Value that another variable has; `through` it, where that holds a name."""
+    """Value of another variable; with `through`, the variable holds a name whose value is meant."""
 
     name: Name
     through: bool = False
 
 
 class Named(NamedTuple):
-    """Value known by its name only."""
+    """Value that is known by its name only."""
 
     name: Name
 
 
 class Product(NamedTuple):
-    """Frames by their names, each in the one before."""
+    """Product of frames by their names, each frame given in the frame before."""
 
     names: tuple[str, ...]
 
@@ -54,7 +54,7 @@ Value: TypeAlias = Literal | Copy | Named
 
 
 class Assign(NamedTuple):
-    """A name gets a value."""
+    """Assignment of a value to a name."""
 
     name: Name
     value: Value
@@ -64,49 +64,49 @@ class Assign(NamedTuple):
 
 
 class Local(NamedTuple):
-    """Names belong to the routine that they are declared in: elsewhere they are others."""
+    """Declaration of names that belong to the routine only: elsewhere, these names mean other variables."""
 
     names: frozenset[str]
 
 
 class Havoc(NamedTuple):
-    """Names get values that are not known; all of them, and the active frames, where none is given."""
+    """Statement that gives unknown values to names; without names, to all names and the active frames."""
 
     names: frozenset[Name]
     reason: str
     remedy: str
-    anytime: bool = False  # whether all is unknown before it, too: an earlier run has changed it
+    anytime: bool = False  # whether the names are unknown before this statement, too, by an earlier run
 
 
 class Call(NamedTuple):
-    """A routine is called, or attached to an event: then it may run at any time."""
+    """Call of a routine; a routine that is attached to an event may run at any time."""
 
     name: Name
-    passed: frozenset[str] = frozenset()
+    passed: frozenset[str] = frozenset()  # names that the routine gets as arguments
     attached: bool = False
-    quiet: bool = False  # whether it changes nothing, if it is the controller's own and not of the program
+    quiet: bool = False  # whether it changes nothing, unless the program defines a routine of this name
 
 
 class Use(NamedTuple):
-    """Names whose numbers are used otherwise than as the target of a move."""
+    """Use of the numbers of names for something else than the target of a move."""
 
     names: frozenset[str]
 
 
 class Move(NamedTuple):
-    """A move to targets; it is left where a reason is given."""
+    """Move to targets; with a reason, it is left as it is."""
 
     motion: Motion
     targets: tuple[Literal | Name, ...]
     bases: tuple[Value | Product, ...] = ()
     tools: tuple[Value | Product, ...] = ()
-    agree: tuple[str, ...] = ()  # names that hold base and tool, too, where the program sets them
+    agree: tuple[str, ...] = ()  # names of the active base and tool, which have to be those of the target
     reason: str = ""
     remedy: str = ""
 
     @property
     def differs_only_in_target(self) -> bool:
-        """True if two moves of this shape can differ only in the numbers of their single target."""
+        """Return whether two moves of this shape can differ only in the numbers of their single target."""
         own = isinstance(self.targets[0], Literal) if len(self.targets) == 1 else False
         return own and not (
             self.agree or self.reason or any(isinstance(base, Literal) for base in self.bases)
@@ -114,13 +114,13 @@ class Move(NamedTuple):
 
 
 class Keep(NamedTuple):
-    """A move to a place that the controller keeps: nothing of it is in the program."""
+    """Move to a position that is stored in the controller, not in the program."""
 
     name: str
 
 
 class Flow(NamedTuple):
-    """A branch, loop, jump or routine begins or ends.
+    """Beginning or end of a branch, loop, jump or routine.
 
     The kinds are `if`, `loop` and `repeat` (carried out once at least), `turn`, `default`, `close`, `leave`,
     `label`, `jump`, `return`, `routine`, `aside` (may run at any time), `end`, `any` of `close` and `end`.
@@ -138,7 +138,7 @@ UNKNOWN_STATEMENT: Final = "the statement is unknown: it may move the robot, tar
 
 
 class Misread(Exception):  # noqa: N818  # it is no failure of ours
-    """Raise where a statement is not understood."""
+    """Error that a statement is not understood."""
 
     def __init__(self, reason: str, remedy: str = "") -> None:
         super().__init__(reason)
@@ -147,39 +147,39 @@ class Misread(Exception):  # noqa: N818  # it is no failure of ours
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A statement in normal form, and the form that it fits."""
+    """Statement in normal form, and its match with the pattern of a rule."""
 
     language: Language
-    text: str
-    ordinals: tuple[int, ...]  # places of its numbers among those of the statement as it is written
-    below: int = 0  # ends of lines before it
+    text: str  # normal form, with NUL in place of each number
+    ordinals: tuple[int, ...]  # index of each number among those of the statement as it is written
+    below: int = 0  # line breaks before the statement
     match: re.Match[str] | None = None
 
     def __getitem__(self, group: str) -> str:
-        """Return a part of the statement by its name in the form; empty if there is none."""
+        """Return the part of the statement that matched a named group; empty if the group did not match."""
         return (self.match and self.match.groupdict().get(group)) or ""
 
     def span(self, group: str) -> tuple[int, int]:
-        """Return first and last + 1 character of a part."""
+        """Return first and last + 1 character of the part that matched a named group."""
         return self.match.span(group) if self.match else (0, 0)
 
-    def numbers(self, *span: int) -> tuple[int, ...]:
-        """Return the ordinals of the numbers in a part of the text."""
+    def ordinals_in(self, *span: int) -> tuple[int, ...]:
+        """Return the ordinals of the numbers between two places of the text."""
         starts = _number_starts(self.text)
         return self.ordinals[slice(*(bisect_left(starts, end) for end in span))]
 
-    def number(self, group: str) -> int:
-        """Return the ordinal of the first number in a part."""
-        return self.numbers(*self.span(group))[0]
+    def first_ordinal(self, group: str) -> int:
+        """Return the ordinal of the first number in the part that matched a named group."""
+        return self.ordinals_in(*self.span(group))[0]
 
-    def expression(self, text: str) -> list[Op]:
-        """Return what an expression of the line uses and calls."""
-        return self.language.expression(text)
+    def read_expression(self, text: str) -> list[Op]:
+        """Return the operations of an expression: names that it uses, and routines that it calls."""
+        return self.language.read_expression(text)
 
 
 @lru_cache(maxsize=4)
 def _number_starts(text: str) -> tuple[int, ...]:
-    """Return where the numbers of a text stand; kept, as each part of a line needs them."""
+    """Return the places of the numbers in a text; cached, because each part of a line needs them."""
     return tuple(place for place, sign in enumerate(text) if sign == "\0")
 
 
@@ -219,11 +219,12 @@ class Language:
 
     @cached_property
     def numbers(self) -> re.Pattern[str]:
-        """All numbers, also of comments and texts."""
+        """Pattern of numbers, also of those in comments and texts."""
         return re.compile(self.number)
 
     @cached_property
     def _token(self) -> re.Pattern[str]:
+        """Pattern of one token: a blank, a comment, a text, a word or a sign."""
         return re.compile(
             rf"(?P<blank>\s++)|(?P<comment>{self.comment}|\xef\xbb\xbf)|(?P<text>{self.text})"
             rf"|(?P<word>\0|{self.word})|(?P<sign>.)",
@@ -232,6 +233,7 @@ class Language:
 
     @cached_property
     def _rules(self) -> tuple[tuple[re.Pattern[str], Rule], ...]:
+        """Compiled patterns of the rules, with `@{name}` and `#{name}` replaced by groups."""
         words = {"@": rf"(?!(?:{self.reserved})(?![\w$])){self.word}", "#": r"\0"}
         return tuple(
             (re.compile(_PART.sub(lambda match: f"(?P<{match[2]}>{words[match[1]]})", pattern)), rule)
@@ -240,10 +242,12 @@ class Language:
 
     @cached_property
     def _motion(self) -> re.Pattern[str]:
+        """Pattern of the words of moves."""
         return re.compile(self.motion, re.IGNORECASE if self.folded else 0)
 
     @cached_property
     def _words(self) -> tuple[re.Pattern[str], ...]:
+        """Patterns of operators, of reserved words, and of the controller's functions."""
         flags = re.IGNORECASE if self.folded else 0
         return (
             re.compile(rf" ?(?<![\w$.])(?:{self.operators})\b ?", flags),
@@ -251,8 +255,8 @@ class Language:
             re.compile(self.functions, flags),
         )
 
-    def line(self, shape: str) -> Line:
-        """Return the normal form of a statement without its numbers."""
+    def normalise(self, shape: str) -> Line:
+        """Return the normal form of a statement, `shape` being its text with NUL in place of each number."""
         pieces, ordinals, number, behind, below = list[str](), list[int](), 0, False, 0
         for match in self._token.finditer(shape):
             kind, piece = match.lastgroup, match[0]
@@ -272,17 +276,20 @@ class Language:
         return Line(self, text, tuple(ordinals), below)
 
     def translate(self, shape: str) -> list[tuple[int, Op]]:
-        """Return what a statement without its numbers does, and how many lines below its begin.
+        """Return the operations of a statement, each with its number of lines below the first line.
+
+        `shape` is the statement with NUL in place of each number. A statement that is not understood may do
+        anything.
 
         Raises:
-            Misread: it is no text of people.
+            Misread: braces are nested too deep.
         """
-        line = self.line(shape)
+        line = self.normalise(shape)
         if max(accumulate((sign == "{") - (sign == "}") for sign in line.text), default=0) > _MAX_DEPTH:
-            reason = f"more than {_MAX_DEPTH} braces within one another"
+            reason = f"braces are nested more than {_MAX_DEPTH} deep"
             raise Misread(reason, "declare inner structures on their own")
         try:
-            ops = self.rule(line) if line.text else []
+            ops = self.apply_rules(line) if line.text else []
         except Misread as fault:
             return self._unknown(shape, line, fault)
         moves = sum(isinstance(op, Move | Keep) for op in ops)
@@ -290,28 +297,31 @@ class Language:
             return self._unknown(shape, line, Misread("a move is where none is expected"))
         return [(line.below, op) for op in ops]
 
-    def rule(self, line: Line) -> list[Op]:
-        """Return what a statement does by the rules.
+    def apply_rules(self, line: Line) -> list[Op]:
+        """Return the operations of a statement by the first rule that fits.
 
         Raises:
-            Misread: there is no rule for it, or not for all of it.
+            Misread: no rule fits the statement, or a part of it is not understood.
         """
         for pattern, rule in self._rules:
             if match := pattern.fullmatch(line.text):
                 named = set(pattern.groupindex.values())
                 given = [each for k, each in enumerate(match.groups(), 1) if each and k not in named]
-                found = [op for each in given for op in self.expression(each)]
+                found = [op for each in given for op in self.read_expression(each)]
                 if not isinstance(rule, str):
                     return [*found, *rule(replace(line, match=match))]
                 line = replace(line, match=match)
-                name = ("%s", line.number("name")) if line["name"] == "\0" else line["name"]
-                found = attached(found) if rule in {"turn", "loop"} else found
+                name = ("%s", line.first_ordinal("name")) if line["name"] == "\0" else line["name"]
+                found = mark_attached(found) if rule in {"turn", "loop"} else found
                 return [*found, *([Flow(rule, name)] if rule else [])]
         raise Misread(UNKNOWN_STATEMENT)
 
     def _unknown(self, shape: str, line: Line, fault: Misread) -> list[tuple[int, Op]]:
-        """Return what a statement may do that is not understood: all, and each word of a motion is a move."""
-        reason = f"{quoted(line.text, line.ordinals)}: {fault.reason}"
+        """Return the operations of a statement that is not understood: it may change all names.
+
+        Each word of a motion in the statement is a move that is left.
+        """
+        reason = f"{quote_statement(line.text, line.ordinals)}: {fault.reason}"
         remedy, names = fault.remedy or self.remedy, _NAME.findall(_QUOTED.sub("_", line.text))
         ops: list[tuple[int, Op]] = [
             (line.below, Havoc(frozenset(), reason, remedy)),
@@ -327,11 +337,13 @@ class Language:
             ops.append((below, Move(Motion.LINEAR, (), reason=reason, remedy=remedy)))
         return ops
 
-    def expression(self, text: str) -> list[Op]:
-        """Return what an expression uses and calls; operands and operators alternate: nothing hides in it.
+    def read_expression(self, text: str) -> list[Op]:
+        """Return the operations of an expression: names that it uses, and routines that it calls.
+
+        Operands and operators have to alternate, so that no unknown statement passes for an expression.
 
         Raises:
-            Misread: it is none.
+            Misread: the text is not an expression.
         """
         operators, reserved, functions = self._words
         plain = operators.sub("+", _QUOTED.sub('""', text))
@@ -343,41 +355,41 @@ class Language:
             quiet = functions.fullmatch(name) is not None
             call = Call(name, frozenset() if quiet else names - {name}, quiet=quiet)
             whole = plain.startswith(f"{name}(") and plain.count("(") == 1
-            # It may be passed over, and of several ones any may be the first.
+            # A call in a larger expression may be skipped, and several calls may run in any order.
             ops += [call] if quiet or whole else [Flow("if"), call, Flow("close")]
         return ops
 
 
-def quoted(text: str, ordinals: Iterable[int]) -> str:
-    """Return a text without its numbers as a reason shows it, which quotes them by their ordinals."""
+def quote_statement(text: str, ordinals: Iterable[int]) -> str:
+    """Return a statement in quotation marks for a reason, with NUL, ordinal, NUL in place of each number."""
     numbers = iter(ordinals)
     return re.sub("@#@", lambda _: f"\0{next(numbers)}\0", shown(text.replace("\0", "@#@")))
 
 
-def calls(ops: list[Op]) -> bool:
-    """Return whether something else than the controller's own functions is called."""
+def calls_routine(ops: list[Op]) -> bool:
+    """Return whether operations call a routine that is not a function of the controller."""
     return any(isinstance(op, Call) and not op.quiet for op in ops)
 
 
-def attached(ops: list[Op]) -> list[Op]:
-    """Return what an expression does that may be carried out at any time, or more than once."""
+def mark_attached(ops: list[Op]) -> list[Op]:
+    """Return operations whose calls may run at any time, or more than once."""
     return [op._replace(attached=True) if isinstance(op, Call) else op for op in ops]
 
 
-def left(found: list[Op], reason: str, remedy: str, motion: Motion = Motion.LINEAR) -> list[Op]:
-    """Return a move that is left, behind what its text uses."""
+def leave_move(found: list[Op], reason: str, remedy: str, motion: Motion = Motion.LINEAR) -> list[Op]:
+    """Return the operations of a move that is left for a reason; `found` is what its text uses."""
     return [*found, Move(motion, (), reason=reason, remedy=remedy)]
 
 
-def counted(name: str, remedy: str) -> list[Op]:
-    """Return the begin of a loop that counts."""
+def begin_counted_loop(name: str, remedy: str) -> list[Op]:
+    """Return the operations of the beginning of a loop that counts with a variable."""
     return [Flow("loop"), Havoc(frozenset({name}), f"{name} counts a loop", remedy)]
 
 
-def routine(
+def begin_routine(
     name: str, own: Iterable[str], remedy: str, *, aside: bool = False, shared: bool = False
 ) -> list[Op]:
-    """Return the begin of a routine with parameters of its own."""
+    """Return the operations of the beginning of a routine; `own` are its parameters, of unknown values."""
     names = frozenset(own)
     unknown: list[Op] = [Local(names), Havoc(names, "a parameter of the routine", remedy)] if names else []
     return [Flow("aside" if aside else "routine", name, shared=shared), *unknown]
@@ -393,6 +405,7 @@ _PAIRS: Final = {")": "(", "]": "[", "}": "{"}
 
 
 def _balanced(text: str) -> bool:
+    """Return whether each bracket of a text is closed, and each quotation ended."""
     opened: list[str] = []
     for sign in re.findall(r"[()\[\]{}\"]", _QUOTED.sub("", text)):
         if sign == '"':
@@ -412,8 +425,11 @@ _SIGN: Final = re.compile(r"[^\r\n]")
 _LINE_END: Final = re.compile(r"\r\n?|\n")
 
 
-def parts(text: str, begin: int = 0, sign: str = ",") -> Iterator[tuple[int, int]]:
-    """Yield first and last + 1 character of what is between signs outside of brackets."""
+def split_outside_brackets(text: str, begin: int = 0, sign: str = ",") -> Iterator[tuple[int, int]]:
+    """Yield first and last + 1 character of the parts of a text between commas, or another sign.
+
+    Signs in brackets or quotations do not count; `begin` is where the first part begins.
+    """
     depth, first = 0, begin
     for match in re.finditer(rf'"[^"]*+"|[()\[\]{{}}]|{re.escape(sign)}', text[begin:]):
         if match[0] in "([{":

@@ -35,9 +35,9 @@ class Orientation(Enum):
 
 _COUNT: Final = {Orientation.QUATERNION: 4, Orientation.NONE: 0}
 _UNIT: Final = 1e-3
-"""Difference of a quaternion's length from 1 that is rounding of what a program writes."""
+"""Largest difference of a quaternion's length from 1 that the rounding of a program explains."""
 _GIMBAL: Final = 1e-9
-"""|cos| of the middle angle, under which the two others turn about the same axis."""
+"""|cos| of the middle angle below which the two other angles turn about the same axis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,27 +52,27 @@ class Notation:
 
     @property
     def count(self) -> int:
-        """Numbers of an orientation."""
+        """Number of numbers that state an orientation."""
         return _COUNT.get(self.orientation, 3)
 
     def pose(self, values: Sequence[float] | FloatArray) -> FloatArray:
-        """Return the pose (4, 4) [m] of one target's numbers."""
+        """Return the pose (4, 4) [m], tool in base, of the numbers of one target."""
         return np.asarray(self.poses(np.array([values], dtype=float))[0], dtype=float)
 
     @property
     def has_pose(self) -> bool:
-        """Return True if the numbers state position and full orientation."""
+        """Return whether the numbers state a position and a full orientation."""
         return self.orientation not in {Orientation.JOINTS, Orientation.TOOL_AXIS, Orientation.NONE}
 
     @property
     def is_joints(self) -> bool:
-        """Return True if the numbers are joint angles."""
+        """Return whether the numbers are joint angles."""
         return self.orientation is Orientation.JOINTS
 
     def states(self, values: FloatArray) -> BoolArray:
-        """Return where numbers (..., 3 + count) are an orientation.
+        """Return a mask (...) of the targets whose numbers (..., 3 + count) are a valid orientation.
 
-        A quaternion has to be of unit length, a tool's axis of some length.
+        A quaternion must have unit length, and a tool's axis must not be zero.
         """
         sizes = np.linalg.norm(values[..., 3 : 3 + self.count], axis=-1)
         if self.orientation is Orientation.TOOL_AXIS:
@@ -81,13 +81,13 @@ class Notation:
 
     @property
     def decimals(self) -> tuple[int, ...]:
-        """Digits behind the point for each number of a target."""
+        """Fewest decimals of each number of a target when it is rewritten."""
         if self.is_joints:
             return (self.angle_decimals,) * 6
         return (self.length_decimals,) * 3 + (self.angle_decimals,) * self.count
 
     def poses(self, values: FloatArray) -> FloatArray:
-        """Return poses (m, 4, 4) of targets' numbers (m, 3 + count), tool in base [m].
+        """Return the poses (m, 4, 4), tool in base [m], of the numbers (m, 3 + count) of m targets.
 
         Raises:
             ValueError: the notation states no full pose.
@@ -104,15 +104,21 @@ class Notation:
         elif self.orientation is Orientation.ROTATION_VECTOR:
             poses[:, :3, :3] = Rotation.from_rotvec(numbers * self.angle).as_matrix()
         else:
-            poses[:, :3, :3] = _rotations(self.angle * self._about_zyx(numbers))
+            poses[:, :3, :3] = _rotations(self.angle * self._reorder_to_zyx(numbers))
         return poses
 
-    def _about_zyx(self, angles: FloatArray) -> FloatArray:
-        """Return angles in the order Z, Y', X'', or back: about the fixed X, Y, Z is the reverse order."""
+    def _reorder_to_zyx(self, angles: FloatArray) -> FloatArray:
+        """Return angles (m, 3) in the order Z, Y', X'', or back in the order of this notation.
+
+        Rotations about the fixed X, Y, Z are the same rotations in reverse order.
+        """
         return angles if self.orientation is Orientation.EULER_ZYX else angles[:, ::-1]
 
     def values(self, poses: FloatArray, near: FloatArray) -> FloatArray:
-        """Return the numbers (m, 3 + count) of poses (m, 4, 4) [m], the equivalent ones nearest to `near`."""
+        """Return the numbers (m, 3 + count) of poses (m, 4, 4) [m].
+
+        Of all numbers that mean the same pose, those nearest to `near` (m, 3 + count) are returned.
+        """
         if not len(poses):
             return near.copy()
         numbers = np.empty_like(near)
@@ -120,20 +126,21 @@ class Notation:
         rotations, old = poses[:, :3, :3], near[:, 3:]
         if self.orientation is Orientation.QUATERNION:
             new = Rotation.from_matrix(rotations).as_quat()[:, [3, 0, 1, 2]]
-            new *= np.linalg.norm(old, axis=1, keepdims=True)  # rounded as it was: an unchanged one stays
+            # With the length of the old quaternion, which is rounded, an unchanged one gets the same numbers.
+            new *= np.linalg.norm(old, axis=1, keepdims=True)
             numbers[:, 3:] = np.where(np.sum(new * old, axis=1, keepdims=True) < 0, -new, new)
         elif self.orientation is Orientation.ROTATION_VECTOR:
             numbers[:, 3:] = (
                 _nearest_vector(Rotation.from_matrix(rotations).as_rotvec(), old * self.angle) / self.angle
             )
         else:
-            angles = _nearest_angles(rotations, self.angle * self._about_zyx(old))
-            numbers[:, 3:] = self._about_zyx(angles) / self.angle
+            angles = _nearest_angles(rotations, self.angle * self._reorder_to_zyx(old))
+            numbers[:, 3:] = self._reorder_to_zyx(angles) / self.angle
         return numbers
 
 
 def _nearest_vector(vectors: FloatArray, near: FloatArray) -> FloatArray:
-    """Return rotation vectors (m, 3) [rad] of the same rotations, full turns added towards `near`."""
+    """Return rotation vectors (m, 3) [rad] of the same rotations, with the full turns nearest to `near`."""
     angle = np.linalg.norm(vectors, axis=1, keepdims=True)
     still = angle < 1e-12
     usual = np.linalg.norm(near, axis=1, keepdims=True)
@@ -156,7 +163,10 @@ def _rotations(angles: FloatArray) -> FloatArray:
 
 
 def _nearest_angles(rotations: FloatArray, near: FloatArray) -> FloatArray:
-    """Return angles (m, 3) [rad] about Z, Y', X'' nearest to `near`: two solutions, full turns, a lock."""
+    """Return the angles (m, 3) [rad] about Z, Y', X'' of rotations (m, 3, 3) that are nearest to `near`.
+
+    The two solutions of each rotation and full turns are compared. In a gimbal lock, the last angle stays.
+    """
     r = rotations
     cosine = np.hypot(r[:, 0, 0], r[:, 1, 0])
     sines = np.stack([r[:, 1, 0], -r[:, 2, 0], r[:, 2, 1]], axis=1)
@@ -165,24 +175,24 @@ def _nearest_angles(rotations: FloatArray, near: FloatArray) -> FloatArray:
     locked = cosine < _GIMBAL
     if (
         locked.any()
-    ):  # only a sum or a difference of the outer angles is known: keep the last as it is written
+    ):  # only the sum or difference of first and last angle is known: the last angle keeps its value
         free = first[locked]
         sign = np.where(free[:, 1] > 0, 1.0, -1.0)
         free[:, 0] = np.arctan2(-r[locked, 0, 1], r[locked, 1, 1]) + sign * near[locked, 2]
         free[:, 2] = near[locked, 2]
         first[locked] = other[locked] = free
     candidates = [choice + 2 * np.pi * np.round((near - choice) / (2 * np.pi)) for choice in (first, other)]
-    far = [np.sum((choice - near) ** 2, axis=1) for choice in candidates]
-    nearest: FloatArray = np.where((far[0] <= far[1])[:, None], candidates[0], candidates[1])
+    distances = [np.sum((choice - near) ** 2, axis=1) for choice in candidates]
+    nearest: FloatArray = np.where((distances[0] <= distances[1])[:, None], candidates[0], candidates[1])
     return nearest
 
 
 _MOST_BLANKS: Final = 32
-"""Blanks before a number that a column is kept with."""
+"""Most blanks before a number that are used to keep columns aligned."""
 _BLOCK: Final = 1 << 20
 """Characters whose numbers are held as texts at a time."""
 Places: TypeAlias = npt.NDArray[np.int32]
-"""Places in a text: half of the room of an index, as no program is as long."""
+"""Places in a text; 32 bits are enough, because programs are limited in size."""
 Characters: TypeAlias = npt.NDArray[np.uint8]
 """A text in one byte a character."""
 Edit: TypeAlias = tuple[int, int, str]
@@ -191,22 +201,22 @@ Edit: TypeAlias = tuple[int, int, str]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Numerals:
-    """All N numbers of a text, and the text without them."""
+    """All N numbers of a text, and the text without these numbers."""
 
-    values: FloatArray  # (N,)
-    starts: Places  # (N,) first character of each
-    ends: Places  # (N,) last character + 1
+    values: FloatArray  # (N,) numbers
+    starts: Places  # (N,) first character of each number
+    ends: Places  # (N,) last character + 1 of each number
     rest: str  # the text with `\0` in place of each number
 
     @classmethod
     def of(cls, text: str, pattern: str) -> Numerals:
-        r"""Find the numbers of a text without `\0`; none of them goes over the end of a line."""
+        r"""Find the numbers of a text by a pattern; the text has no `\0`, and no number spans two lines."""
         split = re.compile(f"({pattern})").split
         values, spans, rest, begin = [np.zeros(0)], [np.zeros((0, 2), dtype=np.int32)], [], 0
         while begin < len(text):
             end = text.find("\n", begin + _BLOCK) + 1 or len(text)
             pieces = split(text[begin:end])
-            values.append(_values(pieces[1::2]))
+            values.append(_parse_numbers(pieces[1::2]))
             ends = begin + np.cumsum(
                 np.fromiter(map(len, pieces), dtype=np.int32, count=len(pieces)), dtype=np.int32
             )
@@ -217,11 +227,14 @@ class Numerals:
         return cls(np.concatenate(values), starts, ends, "".join(rest))
 
     def shapes(self, starts: IndexArray, ends: IndexArray) -> tuple[Iterator[str], IndexArray]:
-        """Return parts of the text without their numbers, and the place of the first number of each.
+        """Cut parts out of the text.
 
         Args:
-            starts: (k,) first characters of the parts.
-            ends: (k,) last characters + 1.
+            starts: (k,) first character of each part.
+            ends: (k,) last character + 1 of each part.
+
+        Returns:
+            Texts of the parts with NUL in place of each number; index (k,) of the first number of each part.
         """
         shorter = np.concatenate([[0], np.cumsum(self.ends - self.starts - 1)])
         first, last = np.searchsorted(self.starts, starts), np.searchsorted(self.starts, ends)
@@ -229,10 +242,11 @@ class Numerals:
         return (rest[begin:stop] for begin, stop in zip(begins.tolist(), stops.tolist(), strict=True)), first
 
 
-def _values(numbers: Sequence[str]) -> FloatArray:
+def _parse_numbers(numbers: Sequence[str]) -> FloatArray:
+    """Return numbers as an array; they may have decimal commas, or be binary as KUKA's 'B010'."""
     try:
         return np.fromiter(map(float, numbers), dtype=np.float64, count=len(numbers))
-    except ValueError:  # KUKA's 'B010', and decimal commas of tables
+    except ValueError:  # a binary number or a decimal comma: the slower way
         commas = [each.replace(",", ".") for each in numbers]
         plain = [float(int(each[2:-1], 2)) if each[0] == "'" else float(each) for each in commas]
         return np.array(plain, dtype=np.float64)
@@ -247,28 +261,31 @@ _COMMA: Final = re.compile(
 
 
 _SHOWING: Final = 1 << 16
-"""Characters of a table that show how it writes numbers."""
+"""Number of characters of a table in which decimal commas are looked for."""
 
 
 def has_decimal_commas(table: str) -> bool:
-    """Return whether numbers of a table have commas in place of points, and cannot mean anything else."""
+    """Return whether a table writes decimal commas: a comma that separates no thousands, and no point."""
     begin = table[:_SHOWING]
     return _COMMA.search(begin) is not None and _POINT.search(begin) is None
 
 
-def written(
+def format_new_numbers(
     signs: Characters, spans: Places, new: FloatArray, old: FloatArray, digits: IndexArray
 ) -> tuple[list[str], BoolArray]:
-    """Return numbers as text, and (m,) which of them differ from the old ones to their digits.
+    """Format new numbers like the old ones in a text.
 
     Args:
-        signs: text that the old numbers stand in.
-        spans: (m, 2) first and last + 1 character of each.
-        new: (m,) numbers.
-        old: (m,) numbers as they were read.
-        digits: (m,) behind the point, that they get at least.
+        signs: text with the old numbers.
+        spans: (m, 2) first and last + 1 character of each old number.
+        new: (m,) new numbers.
+        old: (m,) old numbers.
+        digits: (m,) fewest decimals of each new number; an old number with more decimals keeps them.
+
+    Returns:
+        Texts of the new numbers; mask (m,) of those that differ from the old ones at these decimals.
     """
-    digits = np.maximum(digits, _decimals(signs, spans))
+    digits = np.maximum(digits, _count_decimals(signs, spans))
     counts = np.unique(digits).tolist()
     if len(counts) == 1:
         numbers = _format_numbers(new, counts[0])
@@ -290,11 +307,12 @@ def written(
 
 
 def _format_numbers(numbers: FloatArray, digits: int) -> list[str]:
+    """Return numbers as texts with a number of decimals; one format for all is faster than many."""
     return ("\n".join([f"%.{digits}f"] * len(numbers)) % tuple(numbers.tolist())).split("\n")
 
 
-def _decimals(signs: Characters, spans: Places) -> IndexArray:
-    """Return how many digits stand behind the points of numbers (m,) at spans of a text."""
+def _count_decimals(signs: Characters, spans: Places) -> IndexArray:
+    """Return the number of decimals (m,) of the numbers at spans (m, 2) of a text."""
     starts, ends = spans.T
     powers = np.flatnonzero((signs | 32) == ord("e"))
     points = np.flatnonzero((signs == ord(".")) | (signs == ord(",")))
@@ -305,8 +323,11 @@ def _decimals(signs: Characters, spans: Places) -> IndexArray:
     return decimals
 
 
-def padded(signs: Characters, start: int, end: int, number: str) -> Edit:
-    """Keep the last column of a number where it is, as far as the blanks before it allow."""
+def pad_number(signs: Characters, start: int, end: int, number: str) -> Edit:
+    """Return the edit that replaces a number and keeps its end in the same column of the text.
+
+    Blanks before the number are removed or added; if they do not suffice, the end moves.
+    """
     before = signs[max(start - _MOST_BLANKS, 0) : start].tobytes()
     blanks = len(before) - len(before.rstrip(b" "))
     longer = len(number) - (end - start)
@@ -315,13 +336,13 @@ def padded(signs: Characters, start: int, end: int, number: str) -> Edit:
     return start, end, " " * -longer + number if blanks else number
 
 
-def spliced(signs: Characters, spans: Places, texts: Sequence[str]) -> bytes:
-    """Return a text with others in place of some of its characters.
+def splice_texts(signs: Characters, spans: Places, texts: Sequence[str]) -> bytes:
+    """Return the bytes of a text in which some parts are replaced.
 
     Args:
         signs: the text.
-        spans: (m, 2) first and last + 1 character of what is replaced, in order.
-        texts: m others.
+        spans: (m, 2) first and last + 1 character of each part that is replaced, in order.
+        texts: m texts in place of these parts.
     """
     starts, ends = spans.T
     lengths = np.fromiter(map(len, texts), dtype=np.intp, count=len(texts))

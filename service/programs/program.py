@@ -16,19 +16,19 @@ from jointstiff.service.programs.notation import (
     Edit,
     Notation,
     Places,
+    format_new_numbers,
     has_decimal_commas,
-    padded,
-    spliced,
-    written,
+    pad_number,
+    splice_texts,
 )
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 
 NUMBERS: Final = 7
 """Most numbers of a target; the arm's configuration follows them."""
 WORDS: Final = 4
-"""Most numbers that say something of the arm's configuration."""
+"""Most numbers of a target that state the arm's configuration."""
 BLOCK: Final = 4096
-"""Targets whose numbers are looked at together."""
+"""Number of targets that are processed together."""
 
 
 class Motion(Enum):
@@ -44,11 +44,11 @@ _MOTIONS: Final = tuple(Motion)
 
 
 class ExternalAxes(Enum):
-    """Knowledge of the external axes and other groups of a program."""
+    """Statement of the user about the external axes and other groups of a program."""
 
-    MAY_CARRY = "may_carry"  # the arm or the part, so that an axis away from zero moves the target
-    OF_ROBOT = "of_robot"  # they are joints of the robot's model, which stand still
-    CARRY_NOTHING = "carry_nothing"  # neither the arm nor the part
+    MAY_CARRY = "may_carry"  # they may carry arm or part: an axis away from zero moves the target
+    OF_ROBOT = "of_robot"  # they are joints of the robot's model, and do not move in the program
+    CARRY_NOTHING = "carry_nothing"  # they carry neither the arm nor the part
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +60,8 @@ class Source:
     starts: IndexArray = field(compare=False)  # offset of the first character of each line
 
     @classmethod
-    def of(cls, name: str, content: bytes) -> Source:
-        """Take the bytes of a file; lines end as they do in it."""
+    def from_bytes(cls, name: str, content: bytes) -> Source:
+        """Build a source from the bytes of a file, whose lines may end with CR, LF or both."""
         signs = np.frombuffer(content, dtype=np.uint8)
         feed, back = signs == ord("\n"), signs == ord("\r")
         back[:-1] &= ~feed[1:]
@@ -70,11 +70,11 @@ class Source:
 
     @property
     def ends(self) -> IndexArray:
-        """Offset behind the last character of each line, its end included."""
+        """Offset behind the last character of each line, line break included."""
         return np.append(self.starts[1:], len(self.text))
 
     def line(self, offset: int) -> int:
-        """Return the line of an offset, from 1."""
+        """Return the number of the line, from 1, that contains the character at an offset."""
         return int(np.searchsorted(self.starts, offset, side="right"))
 
 
@@ -89,13 +89,13 @@ class FrameName:
 
 @dataclass(frozen=True, slots=True)
 class Literal:
-    """Numbers that stand in the text: places among the numbers of their statement."""
+    """Target or frame written in numbers: indices of its numbers among those of their statement."""
 
-    notation: Notation  # what they mean
-    numbers: tuple[int, ...]  # those of the target
+    notation: Notation  # meaning of the numbers
+    numbers: tuple[int, ...]  # numbers of the target
     external: tuple[int, ...] = ()  # external axes, and other groups; -1 for one that is not stated
     words: tuple[tuple[str, int], ...] = ()  # what is stated of the arm's configuration
-    letters: str = ""  # the part of it that is in letters
+    letters: str = ""  # the part of the configuration that is in letters
     steady: tuple[int, ...] = ()  # numbers that all targets have to share, such as that of the tool
 
 
@@ -103,16 +103,16 @@ class Literal:
 class Targets:
     """The t targets of a program as columns, each once, in the order of their first moves."""
 
-    names: Sequence[str]  # as the program calls them; empty for those without a name
+    names: Sequence[str]  # names as the program writes them; empty for targets without a name
     source: IndexArray  # (t,) indices of their files
     line: IndexArray  # (t,) lines on which their numbers begin
     literal: IndexArray  # (t,) indices of their literals
     literals: Sequence[Literal]
-    base: IndexArray  # (t,) indices of their frames
-    tool: IndexArray  # (t,)
+    base: IndexArray  # (t,) indices of their bases among the frames
+    tool: IndexArray  # (t,) indices of their tools among the frames
     frames: Sequence[FrameName]
     values: FloatArray  # (t, 11) numbers as written, then those of the configuration; NaN where there is none
-    spans: Places  # (t, 11, 2) first and last + 1 character of each; −1 where there is none
+    spans: Places  # (t, 11, 2) first and last + 1 character of each number; −1 where there is none
 
     @cached_property
     def notations(self) -> tuple[Notation, ...]:
@@ -121,24 +121,24 @@ class Targets:
 
     @cached_property
     def notation(self) -> IndexArray:
-        """(t,) indices of the targets' notations."""
+        """Indices (t,) of the targets' notations among `notations`."""
         of_literal = [self.notations.index(each.notation) for each in self.literals]
         return np.array(of_literal, dtype=np.intp)[self.literal]
 
     def by_notation(self, rows: IndexArray) -> Iterator[tuple[Notation, IndexArray]]:
-        """Yield notations, and the places of their targets among some."""
+        """Yield each notation with the positions, in the index array `rows`, of the targets that have it."""
         of_target = self.notation[rows]
         for i, notation in enumerate(self.notations):
             yield notation, np.flatnonzero(of_target == i)
 
     @cached_property
     def by_joints(self) -> BoolArray:
-        """(t,) whether the numbers are joint angles."""
+        """Mask (t,) of the targets whose numbers are joint angles."""
         return np.array([each.is_joints for each in self.notations], dtype=np.bool_)[self.notation]
 
     @property
     def angle_unit(self) -> FloatArray:
-        """(t,) radians in the units of the targets' angles."""
+        """Units (t,) of the targets' angles in rad."""
         return np.array([each.angle for each in self.notations])[self.notation]
 
     def __len__(self) -> int:
@@ -156,12 +156,12 @@ class Moves:
 
     @cached_property
     def of_visit(self) -> IndexArray:
-        """(v,) indices of the visits' moves."""
+        """Index (v,) of the move of each visit."""
         return np.repeat(np.arange(len(self.ends)), np.diff(self.ends, prepend=0))
 
     @property
     def by_joint(self) -> BoolArray:
-        """(v,) whether a joint move leads there."""
+        """Mask (v,) of the visits that are reached by a joint move."""
         return np.asarray(self.motion == _MOTIONS.index(Motion.JOINT))[self.of_visit]
 
     def __len__(self) -> int:
@@ -170,50 +170,53 @@ class Moves:
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """Something that was left as it is: a line and why."""
+    """Statement that is left as it is, and needs no decision of the user."""
 
     line: int
-    text: str
-    target: str = ""  # place of the controller that it is a move to
+    text: str  # why it is left
+    target: str = ""  # position stored in the controller, if the statement is a move to one
 
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """A program: its moves that are certain, and those that are left."""
+    """Program with its moves that can be corrected, and those that are left as they are."""
 
     format: str  # name of its format
     sources: tuple[Source, ...]  # its files
     targets: Targets
     moves: Moves
-    left_alone: tuple[Remark, ...]  # moves and calls that nothing is changed in, and nobody has to confirm it
-    left: tuple[ReadMove, ...] = ()  # moves that are not certain
-    faults: tuple[Fault, ...] = ()  # why they are not
+    left_alone: tuple[Remark, ...]  # moves and calls that are left without need of a confirmation
+    left: tuple[ReadMove, ...] = ()  # moves that cannot be corrected
+    faults: tuple[Fault, ...] = ()  # why these moves cannot be corrected
 
     @property
     def files(self) -> tuple[bytes, ...]:
-        """Bytes of its files."""
+        """Bytes of the program's files."""
         return tuple(source.text.encode("latin-1") for source in self.sources)
 
 
 class Rewriting:
-    """The files of a program while their numbers are replaced, block by block in the order of the text.
+    """Files of a program while numbers are replaced, block by block in the order of the text.
 
-    A number that is the same to the digits it would get keeps its characters. FANUC's numbers take blanks
-    before them when they grow and give them back when they shrink, so that columns stay.
+    A number whose new value is equal to the digits written keeps its characters. In FANUC's programs, blanks
+    before a number are removed or added as the number grows or shrinks, so that columns stay aligned.
     """
 
     def __init__(self, program: Program) -> None:
-        """Begin with the text as it is."""
+        """Prepare to rewrite a program from the beginning of its files."""
         self._targets, self._aligned = program.targets, program.format == "fanuc"
         self._commas = program.format == "csv" and has_decimal_commas(program.sources[0].text)
         self._signs = [np.frombuffer(content, dtype=np.uint8) for content in program.files]
-        self._done = [0] * len(self._signs)  # characters that are written
+        self._done = [0] * len(self._signs)  # characters of each file that are rewritten already
         self._pieces: list[list[bytes]] = [[] for _ in self._signs]
         digits = [(*each.decimals, 0, 0, 0, 0)[:NUMBERS] for each in self._targets.notations]
         self._digits = np.array(digits)
 
     def blocks(self, indices: IndexArray) -> Iterator[IndexArray]:
-        """Yield the places of targets among some, in the order in which they have to be replaced."""
+        """Yield blocks of positions in the index array `indices`, in the order for `replace`.
+
+        The targets of a block belong to one file, and are in the order of its text.
+        """
         for source in range(len(self._signs)):
             own = np.flatnonzero(self._targets.source[indices] == source)
             own = own[np.argsort(self._targets.spans[indices[own], 0, 0], kind="stable")]
@@ -223,12 +226,12 @@ class Rewriting:
     def replace(
         self, rows: IndexArray, values: FloatArray, words: Sequence[tuple[int, Edit]] = ()
     ) -> FloatArray:
-        """Write other numbers.
+        """Write new numbers of targets into their file.
 
         Args:
-            rows: m targets of one file, behind those that were replaced before.
-            values: (m, 7) their numbers; NaN stays.
-            words: further texts in place of characters of these targets, by the index of a target.
+            rows: indices of m targets of one file, behind those that were replaced before.
+            values: (m, 7) new numbers; where they are NaN, the text stays as it is.
+            words: further edits of the text of these targets, each with the index of its target.
 
         Returns:
             (m, 7) the numbers as they are written.
@@ -240,7 +243,7 @@ class Rewriting:
         row, column = np.nonzero(np.isfinite(values) & (values != read))
         spans = self._targets.spans[rows[row], column] - begin
         least = self._digits[self._targets.notation[rows[row]], column]
-        texts, differ = written(signs, spans, values[row, column], read[row, column], least)
+        texts, differ = format_new_numbers(signs, spans, values[row, column], read[row, column], least)
         if not differ.all():
             texts, spans = list(compress(texts, differ)), spans[differ]
             row, column = row[differ], column[differ]
@@ -248,7 +251,7 @@ class Rewriting:
         texts = [text.replace(".", ",") for text in texts] if self._commas else texts
         edits = [(start - begin, stop - begin, text) for _, (start, stop, text) in words]
         if self._aligned:
-            edits += [padded(signs, *edit) for edit in zip(*spans.T.tolist(), texts, strict=True)]
+            edits += [pad_number(signs, *edit) for edit in zip(*spans.T.tolist(), texts, strict=True)]
             texts, spans = [], spans[:0]
         if edits:
             spans = np.vstack([spans, np.array([edit[:2] for edit in edits], dtype=np.int32)])
@@ -256,11 +259,11 @@ class Rewriting:
         if (np.diff(spans[:, 0]) < 0).any():
             order = np.argsort(spans[:, 0], kind="stable")
             texts, spans = [texts[i] for i in order.tolist()], spans[order]
-        self._pieces[source].append(spliced(signs, spans, texts))
+        self._pieces[source].append(splice_texts(signs, spans, texts))
         self._done[source] = end
         return read
 
     def files(self) -> list[bytes]:
-        """Return the bytes of the files."""
+        """Return the bytes of the files, rewritten so far."""
         parts = zip(self._pieces, self._signs, self._done, strict=True)
         return [b"".join([*pieces, signs[done:].tobytes()]) for pieces, signs, done in parts]

@@ -9,7 +9,7 @@ import numpy as np
 
 from jointstiff.service.programs import language as ir
 from jointstiff.service.programs.interpreter import Machine
-from jointstiff.service.programs.language import Line, Misread, Op, parts
+from jointstiff.service.programs.language import Line, Misread, Op, split_outside_brackets
 from jointstiff.service.programs.notation import Notation, Orientation
 from jointstiff.service.programs.program import Literal, Motion, Source
 
@@ -29,7 +29,7 @@ _QUIET: Final = (
     r"|CLK(?:START|STOP|RESET)|STOP|EXIT|BREAK|I(?:SLEEP|WATCH|DISABLE|ENABLE|DELETE|SIGNALD[IO])|TRIGG(?:IO|EQUIP|INT)"
 )
 # Moves of a process, and instructions that shift targets and frames: named, as they are left in any case
-_PROCESS: Final = re.compile(r"(?:ARC|SPOT|PAINT|DISP|CAP|NUT|GLUE)(?:[LCJ]|[LC]\w++)")
+_PROCESS_MOVE: Final = re.compile(r"(?:ARC|SPOT|PAINT|DISP|CAP|NUT|GLUE)(?:[LCJ]|[LC]\w++)")
 _SHIFTS: Final = re.compile(r"PDISP|EOFFS|SOFT|SEARCH|CORR|WAITWOBJ|DROPWOBJ|IND")
 _RESERVED: Final = (
     r"(?:END)?(?:MODULE|PROC|FUNC|TRAP|RECORD)|LOCAL|TASK|CONST|PERS|VAR|IF|THEN|ELSE|ELSEIF|ENDIF|FOR|FROM|TO"
@@ -54,44 +54,51 @@ _LITERALS: Final = {
     "TOOLDATA": re.compile(rf"\[TRUE,{_POSES},(.*)\]"),
 }
 _FRAMES_OF: Final = {"WOBJDATA": (".UFRAME", ".OFRAME"), "TOOLDATA": (".TFRAME",)}
-"""Frames that data consist of: a work object has two, one in the other."""
+"""Frames of work objects and tools; the second frame of a work object is given in the first."""
 
 
-def _routine(line: Line) -> list[Op]:
-    return ir.routine(line["name"], re.findall(rf"({_WORD})(?=,|\||$|\{{)", line["own"]), _REMEDY)
+def _translate_routine(line: Line) -> list[Op]:
+    """Return the operations of the head of a routine, with its parameters."""
+    return ir.begin_routine(line["name"], re.findall(rf"({_WORD})(?=,|\||$|\{{)", line["own"]), _REMEDY)
 
 
-def _test(line: Line) -> list[Op]:
-    first = ir.attached(line.expression(line["first"])) if line["first"] else []
+def _translate_test(line: Line) -> list[Op]:
+    """Return the operations of TEST with its first CASE, DEFAULT or ENDTEST, which are one statement."""
+    first = ir.mark_attached(line.read_expression(line["first"])) if line["first"] else []
     kind = "close" if line.text[-1] != ":" else "turn" if line["first"] else "default"
     return [ir.Flow("if"), *first, ir.Flow(kind)]
 
 
-def _if(_line: Line) -> list[Op]:
+def _refuse_one_line_if(_line: Line) -> list[Op]:
+    """Refuse an IF without THEN.
+
+    Raises:
+        Misread: always.
+    """
     raise Misread("a move, a call or an assignment after IF", "write IF ... THEN ... ENDIF")
 
 
-def _unknown_instruction(line: Line) -> list[Op]:
-    """Take an instruction of the controller, or a call."""
+def _translate_instruction(line: Line) -> list[Op]:
+    """Return the operations of any other instruction: one of the controller, or a call of a routine."""
     name = line["name"]
     arguments = re.sub(r",{2,}", ",", re.sub(r"\\(\w+)(:=)?", r",\1,", line["arguments"])).strip(",")
-    found = line.expression(arguments)
+    found = line.read_expression(arguments)
     names = frozenset(each for op in found if isinstance(op, ir.Use) for each in op.names)
     if name in {"INCR", "DECR", "ADD", "CLEAR"}:  # they change their first argument
         return [*found, ir.Havoc(names, f"{name} changes it while the program runs", _REMEDY)]
     if re.fullmatch(_QUIET, name):
         return [*found, ir.Call(name, quiet=True)]
-    if _PROCESS.fullmatch(name):
+    if _PROCESS_MOVE.fullmatch(name):
         reason, remedy = f"{name}: a move of a process", "write it as MoveL, MoveJ or MoveC"
-        return ir.left([*found, ir.Havoc(frozenset(), reason, remedy)], reason, remedy)
+        return ir.leave_move([*found, ir.Havoc(frozenset(), reason, remedy)], reason, remedy)
     if _SHIFTS.match(name):
         return [*found, ir.Havoc(frozenset(), f"{name}: it moves targets or frames", "omit it")]
     return [*found, ir.Call(name, names)]
 
 
-def _target(line: Line, start: int, end: int) -> Literal | None:
-    """Return a target in numbers; None if it is none."""
-    numbers = line.numbers(start, end)
+def _read_target(line: Line, start: int, end: int) -> Literal | None:
+    """Return the robtarget or jointtarget in numbers between two places; None if there is neither."""
+    numbers = line.ordinals_in(start, end)
     if _LITERALS["ROBTARGET"].fullmatch(line.text, start, end):
         words = tuple(zip(("cf1", "cf4", "cf6", "cfx"), numbers[7:], strict=False))
         return Literal(POSE, numbers[:7], numbers[11:], words)
@@ -100,15 +107,18 @@ def _target(line: Line, start: int, end: int) -> Literal | None:
     return None
 
 
-def _data_by_numbers(line: Line, name: str, start: int, end: int, *kinds: str) -> list[ir.Assign]:
-    """Return what data of these kinds get by numbers: a target, or one or two frames."""
-    target = _target(line, start, end)
+def _assign_data(line: Line, name: str, start: int, end: int, *kinds: str) -> list[ir.Assign]:
+    """Return the assignments of numbers between two places to data of one of these kinds.
+
+    A target is one assignment; a tool has one frame, and a work object has two. Without numbers, return [].
+    """
+    target = _read_target(line, start, end)
     if target is not None and {"ROBTARGET", "JOINTTARGET"} & set(kinds):
         return [ir.Assign(name, target)]
     for kind, frames in _FRAMES_OF.items():
         match = _LITERALS[kind].fullmatch(line.text, start, end) if kind in kinds else None
-        if match and not (match.re.groups and ir.calls(line.expression(match[1]))):
-            numbers = line.numbers(start, end)
+        if match and not (match.re.groups and ir.calls_routine(line.read_expression(match[1]))):
+            numbers = line.ordinals_in(start, end)
             return [
                 ir.Assign(name + frame, Literal(POSE, numbers[7 * k : 7 * k + 7]))
                 for k, frame in enumerate(frames)
@@ -116,45 +126,51 @@ def _data_by_numbers(line: Line, name: str, start: int, end: int, *kinds: str) -
     return []
 
 
-def _product(name: str, kind: str) -> ir.Product:
+def _frame_product(name: str, kind: str) -> ir.Product:
+    """Return the product of the frames of a work object or a tool."""
     return ir.Product(tuple(f"{name}{frame}" for frame in _FRAMES_OF[kind]))
 
 
-def _declared(line: Line) -> list[Op]:
+def _translate_declaration(line: Line) -> list[Op]:
+    """Return the operations of a declaration: a value in numbers, else one that is not known."""
     name, value = line["name"], line["value"]
     found: list[Op] = [
         ir.Local(frozenset({name})),
-        *line.expression(line["array"]),
+        *line.read_expression(line["array"]),
     ]
-    given = (
-        _data_by_numbers(line, name, *line.span("value"), line["type"]) if value and not line["array"] else []
-    )
+    given = _assign_data(line, name, *line.span("value"), line["type"]) if value and not line["array"] else []
     if given:
         declares = "constant" if line["kind"] == "CONST" else "variable"
         return [*found, *(each._replace(declares=declares, own=line["own"] == "LOCAL") for each in given)]
-    found += line.expression(value)
+    found += line.read_expression(value)
     what = "frame" if "DATA" in line["type"] else "target"
-    shown = f"{name} is not a fixed {what} in numbers, or changes while the program runs"
-    return [*found, ir.Havoc(frozenset({name}), shown, _FRAME_REMEDY)]
+    reason = f"{name} is not a fixed {what} in numbers, or changes while the program runs"
+    return [*found, ir.Havoc(frozenset({name}), reason, _FRAME_REMEDY)]
 
 
-def _assigned(line: Line) -> list[Op]:
+def _translate_assignment(line: Line) -> list[Op]:
+    """Return the operations of an assignment: numbers of a target or a frame, else an unknown value."""
     name, part, value = line["name"], line["part"], line["value"]
-    given = [] if part else _data_by_numbers(line, name, *line.span("value"), *_LITERALS)
+    given = [] if part else _assign_data(line, name, *line.span("value"), *_LITERALS)
     if part in {".UFRAME", ".OFRAME", ".TFRAME"} and re.fullmatch(_POSES, value):
-        given = [ir.Assign(name + part, Literal(POSE, line.numbers(*line.span("value"))))]
+        given = [ir.Assign(name + part, Literal(POSE, line.ordinals_in(*line.span("value"))))]
     if given:
         return list(given)
     index = part.replace("{", ",[").replace("}", "]").lstrip(",") if "{" in part else ""
-    uses = [*line.expression(index), *line.expression(value)]
+    uses = [*line.read_expression(index), *line.read_expression(value)]
     return [*uses, ir.Havoc(frozenset({name}), f"{name} changes while the program runs", _FRAME_REMEDY)]
 
 
-def _move(line: Line) -> list[Op]:
+def _translate_move(line: Line) -> list[Op]:
+    """Return the operations of a move; it is left if a target is not given by numbers.
+
+    Raises:
+        Misread: arguments are missing, unknown or computed.
+    """
     letter, trigger = line["letter"] or line["trigger"] or "J", bool(line["trigger"])
     count, behind = 1 + (letter == "C"), _BEHIND.get(line["process"], 0)
-    last = count + 2 + trigger  # place of the tool
-    spans, frame, found = _arguments(line, line.span("arguments")[0])
+    last = count + 2 + trigger  # index of the tool among the arguments, behind speed, trigger and zone
+    spans, frame, found = _split_arguments(line, line.span("arguments")[0])
     given = [line.text[slice(*each)] for each in spans]
     if len(given) != last + 1 + behind or not re.fullmatch(_WORD, given[last]):
         reason = "the target is not given by numbers, or the move names no speed, zone and tool"
@@ -162,33 +178,37 @@ def _move(line: Line) -> list[Op]:
             reason, "write speed, zone and tool by their names, and \\WObj:= if there is a work object"
         )
     targets = [
-        each if re.fullmatch(_WORD, each) else _target(line, *span)
+        each if re.fullmatch(_WORD, each) else _read_target(line, *span)
         for each, span in zip(given[:count], spans, strict=False)
     ]
     known = tuple(each for each in targets if each is not None)
     if len(known) < count:
-        uses = [op for each in given[:count] for op in line.expression(each)]
-        return ir.left([*found, *uses], "the target is not given by numbers", _REMEDY)
-    found += [op for each in given[count:last] + given[last + 1 :] for op in line.expression(each)]
-    if ir.calls(found):
+        uses = [op for each in given[:count] for op in line.read_expression(each)]
+        return ir.leave_move([*found, *uses], "the target is not given by numbers", _REMEDY)
+    found += [op for each in given[count:last] + given[last + 1 :] for op in line.read_expression(each)]
+    if ir.calls_routine(found):
         raise Misread("the move computes something", "write speed, zone and tool by their names")
     process = [ir.Call(given[-1].strip('"'), attached=True)] if behind == 1 else []
-    frames = (_product(frame, "WOBJDATA"),) * count, (_product(given[last], "TOOLDATA"),) * count
+    frames = (_frame_product(frame, "WOBJDATA"),) * count, (_frame_product(given[last], "TOOLDATA"),) * count
     return [*found, *process, ir.Move(_MOTIONS[letter], known, *frames)]
 
 
-def _arguments(line: Line, start: int) -> tuple[list[tuple[int, int]], str, list[Op]]:
-    """Return where the arguments of a move stand, its work object, and what its options use."""
+def _split_arguments(line: Line, start: int) -> tuple[list[tuple[int, int]], str, list[Op]]:
+    """Return the spans of a move's arguments, the name of its work object, and its options' operations.
+
+    Raises:
+        Misread: an option may move the target, or the work object is computed.
+    """
     text, frame, found, spans = line.text, "WOBJ0", list[Op](), list[tuple[int, int]]()
-    for i, (first, last) in enumerate(parts(text, start)):
-        own, *options = parts(text[:last], first, "\\")
+    for i, (first, last) in enumerate(split_outside_brackets(text, start)):
+        own, *options = split_outside_brackets(text[:last], first, "\\")
         if text[slice(*own)].strip() or (i and not options):
             spans.append((own[0] + (text[own[0] : own[0] + 1] == " "), own[1]))
         for option in options:
             name, _, value = text[slice(*option)].partition(":=")
             if not _OPTIONS.fullmatch(name):
                 raise Misread(f"the argument \\{name} moves the target, or is not known", "omit it")
-            found += line.expression(value)
+            found += line.read_expression(value)
             if name == "WOBJ":
                 if not re.fullmatch(_WORD, value):
                     raise Misread("the argument \\WObj is computed", _FRAME_REMEDY)
@@ -202,11 +222,15 @@ _ENDS: Final = re.compile(
     r"|(?<![\w\\.])(?:ERROR|UNDO|BACKWARD)\b(?!\s*+:?=)(?:\s*+\([^()]*\))?"
     r"|\b(?:PROC|FUNC\s++\w++)\s++\w++\s*+\([^()]*\)|\bTRAP\s++\w++|\bMODULE\s++\w++(?:\s*+\([^()]*\))?))"
 )
-"""The end of a statement, and texts and comments, in which there is none."""
+"""End of a statement; texts and comments match without group 1, because no statement ends in them."""
 
 
 def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
-    """Read a module."""
+    """Add the statements of a module to a machine.
+
+    Raises:
+        ProgramError: the file has a second module.
+    """
     text, place = sources[0].text, 0
     for again in list(re.finditer(r"(?im)^[ \t]*+MODULE\b", text))[1:]:
         machine.refuse(sources[0].line(again.start()), "a second module", "send one module")
@@ -242,14 +266,14 @@ LANGUAGE: Final = ir.Language(
         (
             r"(?:MOVE(?:ABSJ|(?P<letter>[LJC])(?P<process>DO|AO|GO|SYNC)?)|TRIGG(?P<trigger>[LJC]))"
             r"(?=[\\ \[,])(?P<arguments>.*)",
-            _move,
+            _translate_move,
         ),
         (
             rf"MODULE {_WORD}(?:\([^()]*\))?|ENDMODULE|ENDRECORD"
             rf"|(?:LOCAL )?RECORD {_WORD}(?: {_WORD} {_WORD})?",
             "",
         ),
-        (rf"(?:LOCAL )?(?:PROC|FUNC {_WORD}) @{{name}}\((?P<own>[^()]*)\)", _routine),
+        (rf"(?:LOCAL )?(?:PROC|FUNC {_WORD}) @{{name}}\((?P<own>[^()]*)\)", _translate_routine),
         (r"(?:LOCAL )?TRAP @{name}", "aside"),
         (r"ENDPROC|ENDFUNC|ENDTRAP", "end"),
         (r"(?:ERROR|UNDO|BACKWARD)(?:\([^()]*\))?", lambda _: [ir.Flow("end"), ir.Flow("aside")]),
@@ -259,11 +283,11 @@ LANGUAGE: Final = ir.Language(
         (
             r"TEST ?((?:(?!\b(?:CASE|DEFAULT|ENDTEST)\b).)+?) ?"
             r"(?:CASE ?(?P<first>[^:]*):|DEFAULT ?:|ENDTEST)",
-            _test,
+            _translate_test,
         ),
         (
             r"FOR @{name} FROM ?(.+?) ?\bTO\b ?(.+?)(?: ?\bSTEP\b ?(.+))? ?\bDO",
-            lambda line: ir.counted(line["name"], _REMEDY),
+            lambda line: ir.begin_counted_loop(line["name"], _REMEDY),
         ),
         (r"WHILE ?(.+?) ?DO", "loop"),
         (r"ENDIF|ENDFOR|ENDWHILE|ENDTEST", "close"),
@@ -271,13 +295,13 @@ LANGUAGE: Final = ir.Language(
         (
             r"(?:(?P<own>LOCAL|TASK) )?(?P<kind>CONST|PERS|VAR) @{type} @{name}"
             r"(?P<array>\{[^=]*\})?(?::=(?P<value>.+))?",
-            _declared,
+            _translate_declaration,
         ),
-        (r"@{name}(?P<part>(?:\{[^{}:]*\}|\.\w+)*):=(?P<value>.+)", _assigned),
+        (r"@{name}(?P<part>(?:\{[^{}:]*\}|\.\w+)*):=(?P<value>.+)", _translate_assignment),
         (r"(?:RETURN|RAISE|RETRY|TRYNEXT|EXIT)(?:\b ?(.+))?", "return"),
         (r"GOTO @{name}", "jump"),
         (rf"CONNECT {_WORD} WITH @{{name}}", lambda line: [ir.Call(line["name"], attached=True)]),
-        (r"IF .*", _if),
-        (r"@{name} ?(?P<arguments>.*)", _unknown_instruction),
+        (r"IF .*", _refuse_one_line_if),
+        (r"@{name} ?(?P<arguments>.*)", _translate_instruction),
     ),
 )

@@ -35,7 +35,7 @@ _HEADER: Final = re.compile(
 _LENGTHS: Final = {"mm": MM, "m": 1.0}
 _ANGLES: Final = {"deg": DEGREE, "degree": DEGREE, "\xb0": DEGREE, "rad": 1.0}
 _HELD: Final = re.compile(r"\W*+(?:u?tool|tcp|u?frame|base|wobj|uf|ut)\b", re.IGNORECASE)
-"""Names of columns that say which frames a target is in."""
+"""Names of columns with the tool or the base of a target."""
 _EXTERNAL: Final = re.compile(r"\W*+(?:e|ext)_?\d\b", re.IGNORECASE)
 """Names of columns of external axes."""
 _NUMBER: Final = re.compile(r"\s*+\"?\s*+\0\s*+\"?\s*+")
@@ -47,33 +47,37 @@ _REMEDY: Final = (
 
 
 def read_table(machine: Machine, sources: tuple[Source, ...]) -> None:
-    """Read a table of targets."""
+    """Add each row of a table of targets to a machine as a move; an empty table adds nothing."""
     source, shapes = sources[0], machine.numerals[0].shapes(sources[0].starts, sources[0].ends)[0]
     rows = ((i, shape) for i, shape in enumerate(shapes) if _is_row(shape))
     (head, _), (_, first) = next(rows, (0, "")), next(rows, (0, ""))
     if first:
         header = source.text[source.starts[head] : source.ends[head]]
-        translate = partial(_move, _columns(machine, head + 1, header, first))
+        translate = partial(_translate_row, _understand_header(machine, head + 1, header, first))
         machine.add(0, source.starts[head + 1 :], source.ends[head + 1 :], translate=translate)
 
 
 def _is_row(shape: str) -> bool:
+    """Return whether a line is neither empty nor a comment."""
     return bool(shape.strip()) and not shape.lstrip().startswith("#")
 
 
-class _Columns(NamedTuple):
+class _TableColumns(NamedTuple):
     """Columns of a table."""
 
     delimiter: str
     width: int  # how many there are
     notation: Notation  # meaning of the targets
     places: list[int]  # indices of the columns of their numbers, in order
-    held: dict[int, str]  # what other columns say of tool and base, by their indices
+    held: dict[int, str]  # texts of the columns of tool and base in the first row, by their indices
     external: list[int]  # indices of the columns of external axes
 
 
-def _move(columns: _Columns, shape: str) -> list[tuple[int, Op]]:
-    """Return the move of a row without its numbers; it is left where a cell is none, or a tool changes."""
+def _translate_row(columns: _TableColumns, shape: str) -> list[tuple[int, Op]]:
+    """Return the move of a row, which is left as it is if a cell is not a number or the tool changes.
+
+    `shape` is the text of the row with NUL in place of each number. A line without cells gives no move.
+    """
     if not _is_row(shape):
         return []
     cells, reason, remedy = shape.split(columns.delimiter), "", ""
@@ -83,8 +87,8 @@ def _move(columns: _Columns, shape: str) -> list[tuple[int, Op]]:
         reason = f"{len(cells)} columns instead of {columns.width}"
         remedy = "give every row as many columns as the header"
     elif wrong is not None:
-        cell = ir.quoted(cells[wrong], range(ends[wrong], ends[-1]))
-        reason = f"{cell} in column {wrong + 1} is no number"
+        cell = ir.quote_statement(cells[wrong], range(ends[wrong], ends[-1]))
+        reason = f"{cell} in column {wrong + 1} is not a number"
         remedy = "write numbers with decimal points" if "," in cell else "write a number"
     elif any(cells[k].strip() != text for k, text in columns.held.items()):
         reason, remedy = "tool or base changes", "send a table for each of them"
@@ -99,8 +103,12 @@ def _move(columns: _Columns, shape: str) -> list[tuple[int, Op]]:
     return [(0, ir.Move(motion, (target,), *frames, reason, remedy))]
 
 
-def _columns(machine: Machine, line: int, header: str, first: str) -> _Columns:
-    """Return the columns of a table by its header and its first row without numbers."""
+def _understand_header(machine: Machine, line: int, header: str, first: str) -> _TableColumns:
+    """Return the columns of a table by its header and the shape of its first row.
+
+    Raises:
+        ProgramError: the header does not name coordinates with their units; `line` is for the message.
+    """
     delimiter = max(";\t,", key=header.count)
     texts = header.split(delimiter)
     cells = [cell.strip().strip('"').strip().removeprefix("\xef\xbb\xbf") for cell in texts]
@@ -115,7 +123,7 @@ def _columns(machine: Machine, line: int, header: str, first: str) -> _Columns:
     if not kinds:
         reason = f"the header {shown(header)} does not name the coordinates of the targets"
         machine.refuse(line, reason, _REMEDY)
-    notation = _notation(*_KINDS[kinds[0]], [units[name] for name in kinds[0].split()])
+    notation = _choose_notation(*_KINDS[kinds[0]], [units[name] for name in kinds[0].split()])
     if notation is None:
         reason = "the columns of the targets have no units, different ones, or those of another quantity"
         machine.refuse(line, reason, _REMEDY)
@@ -123,11 +131,14 @@ def _columns(machine: Machine, line: int, header: str, first: str) -> _Columns:
     held = {k: stated.get(k, "") for k, text in enumerate(texts) if _HELD.match(text)}
     external = [k for k, text in enumerate(texts) if _EXTERNAL.match(text)]
     places = [names[name] for name in kinds[0].split()]
-    return _Columns(delimiter, len(cells), notation, places, held, external)
+    return _TableColumns(delimiter, len(cells), notation, places, held, external)
 
 
-def _notation(orientation: Orientation, quantities: str, units: list[str]) -> Notation | None:
-    """Return the notation of columns with units; None if these are not those of the quantities."""
+def _choose_notation(orientation: Orientation, quantities: str, units: list[str]) -> Notation | None:
+    """Return the notation of columns with these units; None if the units do not fit the quantities.
+
+    `quantities` has one letter for each column: l for length, a for angle, 1 for a ratio.
+    """
     pairs = list(zip(quantities, units, strict=True))
     lengths, angles, plain = ({unit for quantity, unit in pairs if quantity == each} for each in "la1")
     if not (lengths <= _LENGTHS.keys() and angles <= _ANGLES.keys() and plain <= {""}):

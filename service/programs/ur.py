@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.service.programs import language as ir
-from jointstiff.service.programs.language import Line, Misread, Op, parts
+from jointstiff.service.programs.language import Line, Misread, Op, split_outside_brackets
 from jointstiff.service.programs.notation import Notation, Orientation
 from jointstiff.service.programs.program import Literal, Motion
 
@@ -47,92 +47,109 @@ _SIX: Final = r"\[\0(?:,\0){5}\]"
 _LITERALS: Final = ((POSE, re.compile(rf"p{_SIX}")), (JOINTS, re.compile(_SIX)))
 
 
-def _routine(line: Line) -> list[Op]:
+def _translate_routine(line: Line) -> list[Op]:
+    """Return the operations of the head of a routine, whose parameters may have default values."""
     defaults = [f"({each})" for each in re.findall(r"=([^,]+(?:\([^()]*\))?)", line["own"])]
-    given = [op for each in defaults for op in line.expression(each)]
+    given = [op for each in defaults for op in line.read_expression(each)]
     own = re.findall(rf"(?:^|,)({_WORD})", line["own"])
-    return [*ir.attached(given), *ir.routine(line["name"], own, _REMEDY, aside=line["kind"] != "def")]
+    return [
+        *ir.mark_attached(given),
+        *ir.begin_routine(line["name"], own, _REMEDY, aside=line["kind"] != "def"),
+    ]
 
 
-def _unknown_tool(_line: Line) -> list[Op]:
+def _refuse_unknown_tool(_line: Line) -> list[Op]:
+    """Refuse `set_tcp` with an argument that is not a pose in numbers."""
     raise Misread("the tool is not given by numbers", "write set_tcp(p[x, y, z, rx, ry, rz])")
 
 
-def _called(line: Line) -> list[Op]:
+def _translate_call(line: Line) -> list[Op]:
+    """Return the operations of a call; one that moves the robot without a target is a move that is left."""
     name = line["name"]
-    found = line.expression(line.text)
+    found = line.read_expression(line.text)
     if not _MOVING.fullmatch(name):
         return found
-    return ir.left(found, f"{name} moves the robot without a target", "use movej, movel, movep or movec")
+    return ir.leave_move(
+        found, f"{name} moves the robot without a target", "use movej, movel, movep or movec"
+    )
 
 
-def _literal(line: Line, start: int, end: int) -> Literal | None:
-    """Return p[...] or [...] in numbers; None if there is none."""
+def _read_literal(line: Line, start: int, end: int) -> Literal | None:
+    """Return the pose `p[...]` or joint angles `[...]` between two places; None if there is neither."""
     for notation, pattern in _LITERALS:
         if pattern.fullmatch(line.text, start, end):
-            return Literal(notation, line.numbers(start, end))
+            return Literal(notation, line.ordinals_in(start, end))
     return None
 
 
-def _uses(line: Line, text: str) -> list[Op]:
-    return line.expression(re.sub(r"\bp(?=\[)", "", text))
+def _names_used(line: Line, text: str) -> list[Op]:
+    """Return what an expression uses and calls; the `p` of poses such as `p[x, ...]` is not a name."""
+    return line.read_expression(re.sub(r"\bp(?=\[)", "", text))
 
 
-def _assigned(line: Line) -> list[Op]:
+def _translate_assignment(line: Line) -> list[Op]:
+    """Return the operations of an assignment: a target in numbers, else a value that is not known."""
     name, index = line["name"], line["index"]
     own: list[Op] = [ir.Local(frozenset({name}))] if line["local"] else []
-    literal = None if index else _literal(line, *line.span("value"))
+    literal = None if index else _read_literal(line, *line.span("value"))
     if literal is not None:
         return [*own, ir.Assign(name, literal)]
-    found = line.expression(index.strip("[]").replace("][", ",")) if "[" in index else []
-    unknown = ir.Havoc(frozenset({name}), f"{name} gets what is no number", _REMEDY)
-    return [*own, *found, *_uses(line, line["value"]), unknown]
+    found = line.read_expression(index.strip("[]").replace("][", ",")) if "[" in index else []
+    unknown = ir.Havoc(frozenset({name}), f"{name} gets a value that is not a number", _REMEDY)
+    return [*own, *found, *_names_used(line, line["value"]), unknown]
 
 
-def _move(line: Line) -> list[Op]:
+def _translate_move(line: Line) -> list[Op]:
+    """Return the operations of a move; it is left if a target is not understood."""
     motion = _MOTIONS[line["motion"]]
     slots = ("pose_via", "pose_to") if motion is Motion.CIRCULAR else ("pose|q",)
     begin, end = line.span("arguments")
-    spans = list(parts(line.text[:end], begin))
+    spans = list(split_outside_brackets(line.text[:end], begin))
     found: list[Op] = []
     targets: list[Literal | ir.Name] = []
     bases: list[ir.Value] = []
     for slot, (start, stop) in zip(slots, spans, strict=False):
         named = re.compile(f"(?:{slot})=").match(line.text, start, stop)
         try:
-            target, base = _target(line, named.end() if named else start, stop, found)
+            target, base = _read_target(line, named.end() if named else start, stop, found)
         except Misread as fault:
-            return ir.left(_uses(line, line["arguments"]), fault.reason, _REMEDY, motion)
+            return ir.leave_move(_names_used(line, line["arguments"]), fault.reason, _REMEDY, motion)
         targets.append(target)
         bases.append(base)
     if len(targets) < len(slots):
         raise Misread("a target is not given by numbers")
     for start, stop in spans[len(slots) :]:
-        found += line.expression(re.sub("^(?:a|v|t|r|mode)=", "", line.text[start:stop]))
-    if ir.calls(found):
+        found += line.read_expression(re.sub("^(?:a|v|t|r|mode)=", "", line.text[start:stop]))
+    if ir.calls_routine(found):
         raise Misread("the move calls a routine")
     return [*found, ir.Move(motion, tuple(targets), tuple(bases), (ir.Copy(_ACTIVE),) * len(slots))]
 
 
-def _target(line: Line, start: int, end: int, found: list[Op]) -> tuple[Literal | ir.Name, ir.Value]:
-    """Return a literal or a variable, and the frame that it is in; it may stand in get_inverse_kin."""
+def _read_target(line: Line, start: int, end: int, found: list[Op]) -> tuple[Literal | ir.Name, ir.Value]:
+    """Return a target, in numbers or as a variable, and the frame of the target.
+
+    The target may be an argument of `get_inverse_kin` or `pose_trans`. What it uses is added to `found`.
+
+    Raises:
+        Misread: the target is not given by numbers or a variable.
+    """
     text = line.text[start:end]
     head = re.match(r"(get_inverse_kin|pose_trans)\(", text)
     if head and text.endswith(")"):
-        first, *more = list(parts(line.text[: end - 1], start + head.end()))
+        first, *more = list(split_outside_brackets(line.text[: end - 1], start + head.end()))
         if head[1] == "get_inverse_kin":
             if len(more) > 3 or "tcp=" in text:
                 raise Misread("get_inverse_kin has a tool of its own")
             for each in more:  # angles near the answer, and tolerances
-                found += line.expression(line.text[slice(*each)].removeprefix("qnear="))
-            return _target(line, *first, found)
+                found += line.read_expression(line.text[slice(*each)].removeprefix("qnear="))
+            return _read_target(line, *first, found)
         if len(more) == 1 and "(" not in text[head.end() :]:
-            base, _ = _target(line, *first, found)
-            target, _ = _target(line, *more[0], found)
+            base, _ = _read_target(line, *first, found)
+            target, _ = _read_target(line, *more[0], found)
             if isinstance(base, str):
                 found.append(ir.Use(frozenset({base})))
             return target, base if isinstance(base, Literal) else ir.Copy(base)
-    literal = _literal(line, start, end)
+    literal = _read_literal(line, start, end)
     if literal is None and not re.fullmatch(_WORD, text):
         raise Misread("a target is not given by numbers")
     return text if literal is None else literal, ir.Copy("robot base")
@@ -152,7 +169,7 @@ LANGUAGE: Final = ir.Language(
     constants={"robot base": np.eye(4)},
     rules=(
         (r"\$ ?\0(?: ?\"[^\"]*\")*", ""),  # PolyScope numbers its nodes: $ 3 "Waypoint_1"
-        (r"(?P<kind>def|sec|thread) @{name}\((?P<own>.*)\):", _routine),
+        (r"(?P<kind>def|sec|thread) @{name}\((?P<own>.*)\):", _translate_routine),
         (r"end", "any"),
         (r"(?:if|switch) ?(.+):", "if"),
         (r"while ?(.+):", "loop"),
@@ -166,13 +183,13 @@ LANGUAGE: Final = ir.Language(
             lambda line: [ir.Assign(_ACTIVE, Literal(POSE, line.ordinals[:6]))],
         ),
         (rf"(run {_WORD}\(.*\))", ""),
-        (r"set_tcp\(.*", _unknown_tool),
-        (r"(?P<motion>move[jlpc])\((?P<arguments>.*)\)", _move),
-        (r"@{name}\(.*\)", _called),
+        (r"set_tcp\(.*", _refuse_unknown_tool),
+        (r"(?P<motion>move[jlpc])\((?P<arguments>.*)\)", _translate_move),
+        (r"@{name}\(.*\)", _translate_call),
         (
             r"(?:(?:global|(?P<local>local)) )?@{name}"
             r"(?P<index>(?:\[[^\[\]]*\]|\.\w++)*)=(?!=)(?P<value>.+)",
-            _assigned,
+            _translate_assignment,
         ),
     ),
 )

@@ -14,8 +14,8 @@ from xml.etree import ElementTree
 from jointstiff.schemas.report import Laboratory, Party
 from jointstiff.schemas.run import JointResult
 from jointstiff.service.reports import run as report
-from jointstiff.service.reports.document import NOT_STATED, versions_of
-from jointstiff.service.reports.exports import why_no_stiffness
+from jointstiff.service.reports.document import NOT_STATED, list_versions
+from jointstiff.service.reports.exports import explain_missing_stiffness
 from jointstiff.service.tables.report import VERDICTS
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.fit import student_quantile
@@ -27,7 +27,7 @@ _SCHEMA: Final = "{http://www.w3.org/2001/XMLSchema-instance}schemaLocation"
 _LANGUAGE: Final = "en"
 """Language of all texts that this program writes."""
 _BEHIND_UTC: Final = timedelta(hours=12)
-"""By which the last time zone is behind UTC."""
+"""Time by which the westernmost time zone is behind UTC."""
 _UNITS: Final = {
     "revolute": r"\newton\metre\radian\tothe{-1}",
     "prismatic": r"\newton\metre\tothe{-1}",
@@ -36,15 +36,15 @@ _UNITS: Final = {
 
 
 def certificate(subject: report.RunSubject) -> bytes:
-    """Return the certificate of a run.
+    """Return the digital calibration certificate of a run as XML.
 
     Raises:
-        RequestError: a field is missing that every certificate has.
+        RequestError: a field that every certificate requires is missing.
     """
     laboratory, begin, end = _require_stated(subject)
     for prefix, address in NAMESPACES.items():
         ElementTree.register_namespace(prefix, address)
-    root = Element(_name("dcc:digitalCalibrationCertificate"), schemaVersion=VERSION)
+    root = Element(_qualified_name("dcc:digitalCalibrationCertificate"), schemaVersion=VERSION)
     root.set(_SCHEMA, f"{NAMESPACES['dcc']} {NAMESPACES['dcc']}/v{VERSION}/dcc.xsd")
     administrative = _append(root, "dcc:administrativeData")
     software = _append(administrative, "dcc:dccSoftware", "dcc:software")
@@ -53,7 +53,7 @@ def certificate(subject: report.RunSubject) -> bytes:
         "jointstiff", NOT_STATED
     )
     core = _append(administrative, "dcc:coreData")
-    _core_data(core, subject, laboratory, (begin, end))
+    _write_core_data(core, subject, laboratory, (begin, end))
     _write_item(_append(administrative, "dcc:items", "dcc:item"), subject)
     _write_contact(_append(administrative, "dcc:calibrationLaboratory", "dcc:contact"), laboratory)
     person = _append(administrative, "dcc:respPersons", "dcc:respPerson")
@@ -69,8 +69,9 @@ def certificate(subject: report.RunSubject) -> bytes:
     verdict = f"Verdict on the result: {VERDICTS[subject.model.result.assessment.verdict]}."
     traceability = f"Metrological traceability: {laboratory.traceability or NOT_STATED}"
     for line in (verdict, traceability, *report.STATEMENTS):
-        of_laboratory = line == traceability and laboratory.traceability
-        language = None if of_laboratory else _LANGUAGE
+        # The laboratory may have written its statement in any language.
+        is_own_text = line == traceability and laboratory.traceability
+        language = None if is_own_text else _LANGUAGE
         _append_text(_append(statements, "dcc:statement"), "dcc:declaration", line, language)
     _write_results(_append(root, "dcc:measurementResults", "dcc:measurementResult"), subject, laboratory)
     ElementTree.indent(root)
@@ -79,30 +80,34 @@ def certificate(subject: report.RunSubject) -> bytes:
 
 
 def _require_stated(subject: report.RunSubject) -> tuple[Laboratory, date, date]:
-    """Return the laboratory, and the first and the last day; refuse what every certificate states.
+    """Return the laboratory, and the first and the last day of the measurement (UTC).
 
-    Days are those of UTC, in which times are kept. Where the local day of `ended_on` is the one before, it is
-    the first day, too.
+    If `ended_on`, a local day, is the day before the first day in UTC, it is taken for the first day, too.
+
+    Raises:
+        RequestError: country, responsible person or time is missing, or the measurement ends too early.
     """
     laboratory, measured_at = subject.settings.laboratory, subject.readings.measured_at
     if laboratory is None or laboratory.country is None or laboratory.responsible is None:
-        reason = "a certificate states the country of the measurement and the responsible person"
+        reason = "a certificate requires the country of the measurement and the responsible person"
         remedy = "give `country` and `responsible` in the settings of the laboratory"
         raise RequestError(reason, where="laboratory", remedy=remedy)
     if measured_at is None:
-        reason, remedy = "a certificate states when it was measured", "give a time, 2026-11-20T14:30:00+01:00"
+        reason = "a certificate requires the time of the measurement"
+        remedy = "give a time, such as 2026-11-20T14:30:00+01:00"
         raise RequestError(reason, where="measurement_set.measured_at", remedy=remedy)
     began = measured_at.astimezone(UTC)
     end = laboratory.ended_on or began.date()
     if end < (began - _BEHIND_UTC).date():
         reason = f"the measurement ended on {end}, before it began on {began.date()} (UTC)"
-        raise RequestError(reason, where="laboratory.ended_on", remedy="correct one of the two")
+        raise RequestError(reason, where="laboratory.ended_on", remedy="correct one of the two dates")
     return laboratory, min(began.date(), end), end
 
 
-def _core_data(
+def _write_core_data(
     core: Element, subject: report.RunSubject, laboratory: Laboratory, days: tuple[date, date]
 ) -> None:
+    """Write country, languages, identifier, first and last day, and place of the calibration."""
     languages = [*dict.fromkeys([_LANGUAGE, *laboratory.languages])]
     _append(core, "dcc:countryCodeISO3166_1").text = laboratory.country
     for name, codes in (("used", languages), ("mandatory", [_LANGUAGE])):
@@ -115,7 +120,7 @@ def _core_data(
 
 
 def _write_item(item: Element, subject: report.RunSubject) -> None:
-    """Describe the robot; without a serial number the measurement set's name identifies it."""
+    """Write the robot as the calibrated item, identified by serial number or else by the set's name."""
     readings, robot = subject.readings, subject.model.robot
     _append_text(item, "dcc:name", f"Industrial robot {subject.model.name}, {robot.n} joints")
     _append_text(_append(item, "dcc:manufacturer"), "dcc:name", NOT_STATED)
@@ -127,7 +132,7 @@ def _write_item(item: Element, subject: report.RunSubject) -> None:
 
 
 def _write_contact(contact: Element, party: Party) -> None:
-    """Describe a laboratory or a customer; an address is lines of text."""
+    """Write name, address and contact of a laboratory or a customer."""
     _append_text(contact, "dcc:name", party.name, None)
     lines = [*party.address, *([party.contact] if party.contact else [])]
     language = None if lines else _LANGUAGE
@@ -140,13 +145,13 @@ def _write_results(measured: Element, subject: report.RunSubject, laboratory: La
     _append_text(measured, "dcc:name", report.TITLE)
     used = _append(measured, "dcc:usedMethods", "dcc:usedMethod")
     _append_text(used, "dcc:name", "Identification of joint stiffness from readings of targets")
-    section = report.method(model, laboratory)
+    section = report.build_method_section(model, laboratory)
     stated = [f"{label}: {text}" for label, text in section.facts if text != NOT_STATED]
     language = None if laboratory.method else _LANGUAGE
     _append_text(used, "dcc:description", "; ".join([*stated, *section.notes]), language)
     software = _append(measured, "dcc:usedSoftware", "dcc:software")
     _append_text(software, "dcc:name", "Jointstiff")
-    _append(software, "dcc:release").text = versions_of(model.run)
+    _append(software, "dcc:release").text = list_versions(model.run)
     if readings.instrument:
         equipment = _append(measured, "dcc:measuringEquipments", "dcc:measuringEquipment")
         _append_text(equipment, "dcc:name", readings.instrument, None)
@@ -156,14 +161,14 @@ def _write_results(measured: Element, subject: report.RunSubject, laboratory: La
         _append_text(_append(influence, "dcc:data"), "dcc:text", conditions, None)
     results = _append(measured, "dcc:results")
     level = model.run.request.confidence
-    for joint, u in zip(model.result.joints, report.expanded(model), strict=True):
+    for joint, u in zip(model.result.joints, report.expanded_uncertainties(model), strict=True):
         _write_joint(_append(results, "dcc:result"), joint, u, level)
     cases = [case for case in report.predicted_compliance(subject) if case.displacement is not None]
     if cases:
         result = _append(results, "dcc:result")
         _append_text(result, "dcc:name", report.PREDICTED)
         none = "" if all(case.budget for case in cases) else " No uncertainty is stated of these predictions."
-        _append_text(result, "dcc:description", f"{report.predicted_where(subject)}{none}")
+        _append_text(result, "dcc:description", f"{report.describe_prediction(subject)}{none}")
         data = _append(result, "dcc:data")
         for case in cases:
             for axis, moved in zip("XYZ", case.displacement or (), strict=True):
@@ -180,16 +185,19 @@ def _write_results(measured: Element, subject: report.RunSubject, laboratory: La
 def _write_joint(
     result: Element, joint: JointResult, u: tuple[float, float, float] | None, level: float
 ) -> None:
-    """Write the stiffness of a joint with its expanded uncertainty and interval, or why it has none."""
+    """Write the stiffness of a joint with its interval and uncertainty, or why it has no stiffness.
+
+    `u` is expanded uncertainty, coverage factor and probability by the budget; None without a budget.
+    """
     _append_text(result, "dcc:name", f"Stiffness of {joint.name}")
     if u is None and joint.stiffness is not None:
-        u = _by_interval(joint, level)
+        u = _uncertainty_from_interval(joint, level)
         how = "by the farther end of the interval" if u else "not stated: the interval has no upper end"
         _append_text(result, "dcc:description", f"No uncertainty budget; expanded uncertainty {how}.")
     data = _append(result, "dcc:data")
     if joint.stiffness is None:
         _append_text(
-            _append(data, "dcc:quantity"), "dcc:noQuantity", f"No number: {why_no_stiffness(joint)}."
+            _append(data, "dcc:quantity"), "dcc:noQuantity", f"No number: {explain_missing_stiffness(joint)}."
         )
         return
     _write_quantity(data, "Stiffness", joint.stiffness, joint.kind, u)
@@ -198,8 +206,11 @@ def _write_joint(
             _write_quantity(data, f"{end} end of the {100 * level:g} % interval", value, joint.kind)
 
 
-def _by_interval(joint: JointResult, level: float) -> tuple[float, float, float] | None:
-    """Return the expanded uncertainty by the farther end of the interval, None where an end is missing."""
+def _uncertainty_from_interval(joint: JointResult, level: float) -> tuple[float, float, float] | None:
+    """Return expanded uncertainty, coverage factor and probability from the interval of a stiffness.
+
+    The uncertainty is the distance to the farther end. None if the interval has no upper end.
+    """
     ends = joint.stiffness_interval
     if joint.stiffness is None or ends is None or ends[1] is None:
         return None
@@ -210,7 +221,7 @@ def _by_interval(joint: JointResult, level: float) -> tuple[float, float, float]
 def _write_quantity(
     data: Element, name: str, value: float, unit: str, u: tuple[float, float, float] | None = None
 ) -> None:
-    """Write a number in SI units; `u` is its expanded uncertainty, coverage factor and probability."""
+    """Write a named number in SI units; `u` is its expanded uncertainty, coverage factor and probability."""
     quantity = _append(data, "dcc:quantity")
     _append_text(quantity, "dcc:name", name)
     real = _append(quantity, "si:real")
@@ -224,26 +235,27 @@ def _write_quantity(
             _append(spread, f"si:{child}").text = repr(number)
 
 
-def _name(tag: str) -> str:
+def _qualified_name(tag: str) -> str:
+    """Return a tag such as `dcc:name` with the address of its namespace in place of the prefix."""
     prefix, _, name = tag.partition(":")
     return f"{{{NAMESPACES[prefix]}}}{name}"
 
 
 def _append(parent: Element, *tags: str) -> Element:
-    """Append an element, the later ones within the earlier; return the innermost."""
+    """Append elements, each within the one before; return the innermost element."""
     for tag in tags:
-        parent = ElementTree.SubElement(parent, _name(tag))
+        parent = ElementTree.SubElement(parent, _qualified_name(tag))
     return parent
 
 
 def _append_text(parent: Element, tag: str, text: str, language: str | None = _LANGUAGE) -> None:
-    """Append an element with text; XML has no control characters.
+    """Append an element with text, in which blanks replace control characters (XML has none).
 
     Args:
-        parent: to which it is appended.
-        tag: of the element.
-        text: its content.
-        language: of the text; None for what the user wrote, in a language that is not known.
+        parent: element to append to.
+        tag: tag of the new element.
+        text: content of the new element.
+        language: language of the text; None for text of the user, whose language is unknown.
     """
     content = _append(parent, tag, "dcc:content")
     if language is not None:

@@ -26,28 +26,28 @@ NOT_ISO_9283: Final = (
 )
 
 
-def moment(time: datetime | None) -> str:
-    """Return a time for people, in UTC."""
+def format_time(time: datetime | None) -> str:
+    """Return a time for people, in UTC to the minute; `not stated` for None."""
     return NOT_STATED if time is None else f"{time.astimezone(UTC):%Y-%m-%d %H:%M} UTC"
 
 
-def percent(share: float | None) -> str:
-    """Return a share in percent."""
+def format_percent(share: float | None) -> str:
+    """Return a share (1.0 is all) in percent with its sign; the sign for a missing number for None."""
     return NO_NUMBER if share is None else f"{figure(100 * share, '.3g')} %"
 
 
-def versions_of(job: Job) -> str:
-    """Return the versions of the software that computed a job."""
+def list_versions(job: Job) -> str:
+    """Return the names and versions of the software that computed a job, as one line."""
     return ", ".join(f"{name} {version}" for name, version in sorted(job.provenance.versions.items()))
 
 
 Fact = tuple[str, str]
-"""A label, and what is stated; lines are parted by a newline."""
+"""A label and its text; a newline separates lines of the text."""
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture that was drawn here."""
+    """A picture that this program has drawn."""
 
     svg: str  # SVG without links and scripts
     caption: str  # below it
@@ -56,7 +56,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Section:
-    """A section; its parts stand in this order."""
+    """A section of a report; its parts are shown in the order of the fields."""
 
     heading: str
     facts: list[Fact] = field(default_factory=list)
@@ -98,9 +98,9 @@ class Document:
     """A report."""
 
     title: str  # title of the report
-    number: str  # number that identifies it, on each page
+    number: str  # number that identifies the report, on each page
     letterhead: Letterhead  # letterhead of the laboratory
     dated: datetime  # date of the document's file
     sections: list[Section]  # in order; signature and end mark follow them
-    attachments: list[Attachment] = field(default_factory=list)  # files within it
-    signs: bool = True  # whether it has a line to sign
+    attachments: list[Attachment] = field(default_factory=list)  # files within the report
+    signs: bool = True  # whether the report has lines to sign

@@ -35,12 +35,12 @@ class ExportedModel:
     result: RunResult  # its result
     robot: Robot  # the robot
     name: str  # name of the robot
-    # of the geometry that was identified; None if the robot is as it was described
+    # id of the geometry identification that gave the robot; None if the robot is as it was described
     geometry_id: str | None = None
 
     @classmethod
     def of(cls, run: Run, robot: Robot, name: str, geometry_id: str | None = None) -> ExportedModel:
-        """Return the model of a run.
+        """Return the model to export from a run, its robot and the robot's name.
 
         Raises:
             RequestError: the run has no result.
@@ -49,16 +49,16 @@ class ExportedModel:
 
     @property
     def chain(self) -> KinematicChain:
-        """Return the kinematics."""
+        """Kinematic chain of the robot."""
         return self.robot.chain
 
     def springs(self) -> Iterator[tuple[ChainJoint, JointResult, float | None]]:
-        """Yield each moving joint with its result and its stiffness [N·m/rad]; None where there is none."""
+        """Yield each moving joint with its result and its stiffness in SI units (None if not positive)."""
         for joint, result in zip(self.chain.moving, self.result.joints, strict=True):
             yield joint, result, stiffness_of(result)
 
     def remarks(self) -> list[str]:
-        """Return what holds for all of the file."""
+        """Return lines about the whole file: robot, run, method, verdict, geometry, units and limits."""
         provenance, request = self.run.provenance, self.run.request
         constraint = "compliances not negative" if request.positive else "unconstrained"
         lines = [
@@ -72,16 +72,18 @@ class ExportedModel:
             "Geometry: of the robot as it was described, not identified."
             if self.geometry_id is None
             else f"Geometry: as identified, geometry {self.geometry_id}.",
-            f"Lengths in m, angles in rad, stiffness in {self._units()}. Angles are those of the model, in "
-            f"the frame of the link {self.chain.base}.",
+            f"Lengths in m, angles in rad, stiffness in {self._stiffness_units()}. Angles are those of the "
+            f"model, in the frame of the link {self.chain.base}.",
         ]
-        return [*lines, *self._limits()]
+        return [*lines, *self._list_limits()]
 
-    def _units(self) -> str:
-        slides = "" if not self.robot.prismatic.any() else ", of prismatic joints in N/m"
-        return f"N·m/rad{slides}"
+    def _stiffness_units(self) -> str:
+        """Return the units of stiffness in words, with that of prismatic joints if the robot has some."""
+        prismatic = "" if not self.robot.prismatic.any() else ", of prismatic joints in N/m"
+        return f"N·m/rad{prismatic}"
 
-    def _limits(self) -> Iterator[str]:
+    def _list_limits(self) -> Iterator[str]:
+        """Yield what a user of the file must know: other angles of the controller, and links that bend."""
         joint_map = self.robot.joint_map
         n = len(joint_map.offset)
         if not (np.array_equal(joint_map.matrix, np.eye(n)) and not joint_map.offset.any()):
@@ -96,10 +98,10 @@ class ExportedModel:
             )
 
     def remark_on(self, joint: JointResult) -> str:
-        """Return the stiffness of a joint with its interval, or why there is none."""
+        """Return a line on a joint: stiffness, interval and verdict, or why it has no stiffness."""
         verdict = f"verdict: {VERDICTS[joint.verdict]}"
         if stiffness_of(joint) is None:
-            return f"{joint.name}: no stiffness: {why_no_stiffness(joint)}; {verdict}"
+            return f"{joint.name}: no stiffness: {explain_missing_stiffness(joint)}; {verdict}"
         value, _, interval = _UNIT.cells(joint)
         level = f"{100 * self.run.request.confidence:g} % interval {interval}"
         number = value if joint.kind == "prismatic" else f"{value} · {_UNIT.label}"
@@ -107,16 +109,16 @@ class ExportedModel:
 
 
 def stiffness_of(joint: JointResult) -> float | None:
-    """Return the stiffness that a spring can have [N·m/rad]; None if the run gives no such number."""
+    """Return the stiffness of a joint if a spring can have it, that is if it is positive; else None."""
     return joint.stiffness if joint.stiffness is not None and joint.stiffness > 0.0 else None
 
 
-def why_no_stiffness(joint: JointResult) -> str:
-    """Return why the run gives no stiffness that a spring can have."""
+def explain_missing_stiffness(joint: JointResult) -> str:
+    """Return why a joint has no positive stiffness: it is undetermined, negative or as good as rigid."""
     if joint.compliance is None:
         return joint.reason or "the readings cannot determine it"
     if joint.compliance < 0.0:
-        return "the estimate is negative: identify with compliances not negative"
+        return "the estimate is negative: identify again with non-negative compliances"
     least, bound = lower_limit(joint), ""
     if least is not None:
         bound = f"; it is at least {stiffness_text(rounded_down(least), joint.kind)}"
@@ -137,10 +139,10 @@ _AXIS: Final = ("axis x [1]", "axis y [1]", "axis z [1]")
 _FINDING: Final = ("code", "weight", "where", "message", "remedy")
 
 
-def joints_table(model: ExportedModel) -> Sheet:
-    """Return a row a joint. What there is no number for is an empty cell, and `reason` says why."""
+def tabulate_joints(model: ExportedModel) -> Sheet:
+    """Return a sheet with one row per joint; a missing number is an empty cell, explained in `reason`."""
     joints, run, budget = model.result.joints, model.run, model.result.budget
-    reasons = [joint.reason if stiffness_of(joint) else why_no_stiffness(joint) for joint in joints]
+    reasons = [joint.reason if stiffness_of(joint) else explain_missing_stiffness(joint) for joint in joints]
     limited = [each.model_copy(update={"stiffness_at_least": lower_limit(each)}) for each in joints]
     columns: dict[str, Any] = {
         **Sheet.of_fields(joints, {"joint": "name", "status": "status", "verdict": "verdict"}).columns,
@@ -167,8 +169,11 @@ def joints_table(model: ExportedModel) -> Sheet:
     return with_overall_verdict(sheet, model.result.assessment)
 
 
-def kinematics_table(model: ExportedModel) -> Sheet:
-    """Return a row a joint of the chain: its frame in that of the link that carries it, at angle zero."""
+def tabulate_kinematics(model: ExportedModel) -> Sheet:
+    """Return a sheet with one row per joint of the chain: type, frame, axis and limits.
+
+    The frame is that at joint position zero, relative to the frame of the link that carries the joint.
+    """
     rows: list[dict[str, Value]] = []
     joints = model.chain.joints
     for joint in joints:
@@ -187,13 +192,13 @@ def kinematics_table(model: ExportedModel) -> Sheet:
     return Sheet.of_joints(Sheet.of_rows(rows), [j.kind if j.kind != "fixed" else None for j in joints])
 
 
-def joints_csv(model: ExportedModel) -> bytes:
+def write_joints_csv(model: ExportedModel) -> bytes:
     """Return the table of the joints as CSV (RFC 4180); numbers read back the same."""
-    return csv_text(joints_table(model)).encode()
+    return csv_text(tabulate_joints(model)).encode()
 
 
-def workbook(model: ExportedModel) -> bytes:
-    """Return the joints, the kinematics, what holds for all numbers, and the findings as a workbook."""
+def write_workbook(model: ExportedModel) -> bytes:
+    """Return an Excel workbook with the sheets joints, kinematics, provenance and warnings."""
     result = model.result
     remarks: dict[str, Value] = {
         **dict.fromkeys(model.remarks()),
@@ -203,8 +208,8 @@ def workbook(model: ExportedModel) -> bytes:
     }
     findings = [*result.assessment.reasons, *result.warnings]
     sheets = {
-        "joints": joints_table(model),
-        "kinematics": kinematics_table(model),
+        "joints": tabulate_joints(model),
+        "kinematics": tabulate_kinematics(model),
         "provenance": Sheet({"remark": list(remarks), "value": list(remarks.values())}),
         "warnings": Sheet.of_fields(findings, dict(zip(_FINDING, _FINDING, strict=True))),
     }
@@ -214,34 +219,34 @@ def workbook(model: ExportedModel) -> bytes:
 Element = ElementTree.Element
 
 
-def add(parent: Element, tag: str, text: str | None = None, **attributes: str) -> Element:
-    """Add an element and return it."""
+def add_element(parent: Element, tag: str, text: str | None = None, **attributes: str) -> Element:
+    """Append an XML element to a parent and return the element."""
     element = ElementTree.SubElement(parent, tag, attributes)
     element.text = text
     return element
 
 
 def add_remarks(parent: Element, model: ExportedModel, *more: str) -> None:
-    """Add what holds for all of the file, and what the file says of each joint."""
+    """Append comments: the remarks on the whole model, further lines, and a remark on each joint."""
     joints = [model.remark_on(joint) for _, joint, _ in model.springs()]
     for line in (*model.remarks(), *more, *joints):
-        comment(parent, line)
+        add_comment(parent, line)
 
 
-def comment(parent: Element, text: str) -> None:
-    """Add a comment, in which XML forbids two dashes."""
+def add_comment(parent: Element, text: str) -> None:
+    """Append an XML comment; two dashes in a row, which XML forbids there, are separated."""
     while "--" in text:
         text = text.replace("--", "- -")
     parent.append(ElementTree.Comment(f" {text} "))
 
 
-def numbers(values: Iterable[float]) -> str:
-    """Return numbers so that they read back the same."""
+def format_numbers(values: Iterable[float]) -> str:
+    """Return numbers as text separated by blanks, with all digits of the floats."""
     return " ".join(repr(float(value)) for value in values)
 
 
-def written(root: Element) -> bytes:
-    """Return the document."""
+def xml_bytes(root: Element) -> bytes:
+    """Return an XML document as indented UTF-8 with a declaration."""
     ElementTree.indent(root)
     content: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
     return content + b"\n"
@@ -257,34 +262,39 @@ _HELD: Final = (
 )
 
 
-def mjcf(model: ExportedModel) -> bytes:
-    """Return a model of hinges, slides and position actuators; the frame of the world is R0."""
+def write_mjcf(model: ExportedModel) -> bytes:
+    """Return a MuJoCo model (MJCF) of hinges, slides and position actuators; the world frame is R0."""
     root = ElementTree.Element("mujoco", model=model.name)
     add_remarks(root, model, _ACTUATORS, _HELD, PLACEHOLDERS)
     # Roll, pitch and yaw turn about fixed axes: capital letters. Bodies that move must have some mass.
-    add(root, "compiler", angle="radian", eulerseq="XYZ", autolimits="true", boundmass="1", boundinertia="1")
-    add(root, "option", gravity="0 0 0")
-    body = add(add(root, "worldbody"), "body", name=model.chain.base)
+    add_element(
+        root, "compiler", angle="radian", eulerseq="XYZ", autolimits="true", boundmass="1", boundinertia="1"
+    )
+    add_element(root, "option", gravity="0 0 0")
+    body = add_element(add_element(root, "worldbody"), "body", name=model.chain.base)
     for joint in model.chain.joints:
-        body = _body(body, joint)
-    add(body, "site", name=model.chain.flange)
-    actuators, constraints = add(root, "actuator"), add(root, "equality")
+        body = _add_body(body, joint)
+    add_element(body, "site", name=model.chain.flange)
+    actuators, constraints = add_element(root, "actuator"), add_element(root, "equality")
     for joint, _, stiffness in model.springs():
         if stiffness is None:
             name = f"{joint.name} held"
-            add(constraints, "joint", name=name, joint1=joint.name, polycoef="0 0 0 0 0")
+            add_element(constraints, "joint", name=name, joint1=joint.name, polycoef="0 0 0 0 0")
         else:
-            add(actuators, "position", name=joint.name, joint=joint.name, kp=numbers([stiffness]))
-    return written(root)
+            add_element(
+                actuators, "position", name=joint.name, joint=joint.name, kp=format_numbers([stiffness])
+            )
+    return xml_bytes(root)
 
 
-def _body(parent: Element, joint: ChainJoint) -> Element:
-    place = {"pos": numbers(joint.translation), "euler": numbers(joint.roll_pitch_yaw)}
-    body = add(parent, "body", name=joint.child, **place)
+def _add_body(parent: Element, joint: ChainJoint) -> Element:
+    """Append the body of a joint's child link, with the joint if it moves; return the body."""
+    place = {"pos": format_numbers(joint.translation), "euler": format_numbers(joint.roll_pitch_yaw)}
+    body = add_element(parent, "body", name=joint.child, **place)
     if joint.is_moving:
         kind = "slide" if joint.kind == "prismatic" else "hinge"
-        limits = {} if joint.limits is None else {"range": numbers(joint.limits)}
-        add(body, "joint", name=joint.name, type=kind, axis=numbers(joint.axis), **limits)
+        limits = {} if joint.limits is None else {"range": format_numbers(joint.limits)}
+        add_element(body, "joint", name=joint.name, type=kind, axis=format_numbers(joint.axis), **limits)
     return body
 
 
@@ -293,17 +303,17 @@ ModelFormat = Literal["csv", "xlsx", "mjcf"]
 
 @dataclass(frozen=True)
 class Format:
-    """A format."""
+    """File format of an exported model."""
 
-    write: Callable[[ExportedModel], bytes]  # writes a model
+    write: Callable[[ExportedModel], bytes]  # returns the content of the file
     media_type: str  # for HTTP
 
 
 FORMATS: Final[Mapping[ModelFormat, Format]] = MappingProxyType(
     {
-        "csv": Format(joints_csv, "text/csv"),
-        "xlsx": Format(workbook, "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"),
-        "mjcf": Format(mjcf, "application/xml"),
+        "csv": Format(write_joints_csv, "text/csv"),
+        "xlsx": Format(write_workbook, "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"),
+        "mjcf": Format(write_mjcf, "application/xml"),
     }
 )
 
@@ -312,7 +322,7 @@ def export_model(model: ExportedModel, name: ModelFormat, accept_verdict: str | 
     """Return a model as a file of a format.
 
     Raises:
-        VerdictError: the run is not to be used, and that is not accepted.
+        VerdictError: the verdict on the run is "do not use", and `accept_verdict` does not accept it.
     """
     refuse_unaccepted(model.result.assessment, accept_verdict, f"run '{model.run.id}'")
     return FORMATS[name].write(model)

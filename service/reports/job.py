@@ -21,8 +21,8 @@ from jointstiff.service.reports.document import (
     Document,
     Fact,
     Section,
-    moment,
-    versions_of,
+    format_time,
+    list_versions,
 )
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.tables.report import (
@@ -52,9 +52,9 @@ def job_report(
     """Lay out a job for the terminal.
 
     Args:
-        kind: its kind.
-        job: with its result, or its error.
-        details: whether to show all that the result says.
+        kind: kind of the job.
+        job: job with a result or an error.
+        details: whether to show all details of the result.
         unit: name of a unit of `UNITS`.
         applies: whether the command that made the job takes `--apply`.
     """
@@ -66,13 +66,13 @@ def job_report(
 
 
 def kinds_in(job: Job) -> dict[str, JointKind]:
-    """Return the kinds of the joints by name where one is prismatic; none without a result."""
+    """Return the kinds of the joints by name if one is prismatic; empty otherwise, or without a result."""
     kinds: dict[str, JointKind] = getattr(job.result, "joint_kinds", {})
     return kinds
 
 
 def job_parts(kind: AnyKind, job: Job, view: View = _DEFAULT) -> list[Part]:
-    """Return what people read of a job: of its result, or why it has none."""
+    """Return the lines, tables and charts that show a job: its result, or its error or state without one."""
     if job.result is None:
         return [problem_line(job.error) if job.error else Line(f"the {kind.name} is {job.state}")]
     result: Any = job.result
@@ -93,12 +93,12 @@ def job_parts(kind: AnyKind, job: Job, view: View = _DEFAULT) -> list[Part]:
 
 
 def job_sheet(file: File, job: Job, work: Callable[[], Work]) -> Sheet:
-    """Return the table of a file of a job that has succeeded, with the verdict.
+    """Return the sheet of one of the files of a succeeded job, with the verdict as a column.
 
     Args:
-        file: one of the kind's.
-        job: with its result.
-        work: return the job's work, for a table that is made of it.
+        file: file of the job's kind.
+        job: job with a result.
+        work: function that returns the job's work, for a file that is made of the work.
     """
     sheet = file.sheet(job if file.made_of == "result" else work())
     return with_overall_verdict(sheet, getattr(job.result, "assessment", None))
@@ -107,8 +107,11 @@ def job_sheet(file: File, job: Job, work: Callable[[], Work]) -> Sheet:
 def job_document(
     kind: AnyKind, job: Job, document: str, settings: LaboratorySettings, about: Sequence[Fact] = ()
 ) -> Document:
-    """Return the report of a job that has succeeded."""
-    from jointstiff.service.reports.pictures import bars
+    """Return the report of a succeeded job.
+
+    `document` is the job as JSON, to be attached; `about` are further facts of the identification.
+    """
+    from jointstiff.service.reports.pictures import draw_bars
 
     title, provenance = kind.title, job.provenance
     parts = job_parts(kind, job, View(details=True))
@@ -123,7 +126,7 @@ def job_document(
                 IDENTIFICATION,
                 facts=[
                     ("Report", f"{title}, {job.id}"),
-                    ("Computed", moment(provenance.ended_at)),
+                    ("Computed", format_time(provenance.ended_at)),
                     *about,
                 ],
             ),
@@ -132,14 +135,14 @@ def job_document(
                 RESULTS,
                 tables=[part for part in parts if isinstance(part, Table)],
                 notes=[note for note in notes if note],
-                pictures=[bars(part) for part in parts if isinstance(part, Chart)],
+                pictures=[draw_bars(part) for part in parts if isinstance(part, Chart)],
             ),
             Section(STATED, paragraphs=[NOT_ISO_9283]),
             Section(
                 ORIGIN,
                 facts=[
                     ("SHA-256 of the input", provenance.input_hash),
-                    ("Versions", versions_of(job)),
+                    ("Versions", list_versions(job)),
                     ("Attached", f"{job.kind}.json, with all numbers"),
                 ],
             ),

@@ -34,11 +34,11 @@ class SettingsError(ServiceError):
 class LaboratorySettings:
     """A laboratory with its logo; without settings nothing is stated."""
 
-    laboratory: Laboratory | None = None  # as the file has it
+    laboratory: Laboratory | None = None  # content of the file
     logo: Logo | None = None  # picture above the reports
 
     def letterhead(self) -> Letterhead:
-        """Return the head of a report."""
+        """Return the letterhead of a report: name, address, contact, accreditation and logo."""
         laboratory = self.laboratory
         if laboratory is None:
             return Letterhead(f"Laboratory: {NOT_STATED}", [])
@@ -47,29 +47,34 @@ class LaboratorySettings:
 
 
 def read_laboratory(path: Path) -> LaboratorySettings:
-    """Read the settings.
+    """Read the settings of a laboratory from a TOML file, and its logo from the same folder.
 
     Raises:
         SettingsError: the file or its logo cannot be read or used.
     """
     try:
-        text = _read(path, MAX_SETTINGS_BYTES).decode("utf-8")
+        text = _read_limited(path, MAX_SETTINGS_BYTES).decode("utf-8")
         laboratory = Laboratory.model_validate(tomllib.loads(text))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SettingsError(f"{path} is not TOML: {error}", "correct it there") from error
+        raise SettingsError(f"{path} is not TOML: {error}", "correct the file") from error
     except ValidationError as error:
         fault = error.errors(include_url=False, include_input=False)[0]
         place = ".".join(map(str, fault["loc"]))
         raise SettingsError(
-            f"{path}: {place}: {fault['msg']}", "see docs/report.md for its fields"
+            f"{path}: {place}: {fault['msg']}", "see docs/report.md for the fields"
         ) from error
-    logo = None if laboratory.logo is None else _logo(path.parent, laboratory.logo)
+    logo = None if laboratory.logo is None else _read_logo(path.parent, laboratory.logo)
     return LaboratorySettings(laboratory, logo)
 
 
-def _read(path: Path, most: int) -> bytes:
+def _read_limited(path: Path, most: int) -> bytes:
+    """Return the content of a file.
+
+    Raises:
+        SettingsError: the file cannot be read, or has more than `most` bytes.
+    """
     try:
-        with path.open("rb") as file:  # which may be a pipe, of no size
+        with path.open("rb") as file:  # a pipe has no size to look at first
             content = file.read(most + 1)
     except OSError as error:
         raise SettingsError(
@@ -80,31 +85,36 @@ def _read(path: Path, most: int) -> bytes:
     return content
 
 
-def _logo(folder: Path, name: str) -> Logo:
-    """Read a logo."""
+def _read_logo(folder: Path, name: str) -> Logo:
+    """Read a logo, a PNG or JPEG file in the folder of the settings.
+
+    Raises:
+        SettingsError: the name leads elsewhere, or the file is not such a picture or too large.
+    """
     if name != PurePosixPath(name).name or name != PureWindowsPath(name).name or name in {".", ".."}:
         raise SettingsError(
-            f"logo: {name!r} is not the name of a file", "put it into the folder of the settings"
+            f"logo: {name!r} is not the name of a file", "put the logo into the folder of the settings"
         )
     if (folder / name).is_symlink():
         raise SettingsError(
-            f"logo: {name!r} is a link", "put the file itself into the folder of the settings"
+            f"logo: {name!r} is a link", "put the logo itself into the folder of the settings"
         )
-    content = _read(folder / name, MAX_LOGO_BYTES)
+    content = _read_limited(folder / name, MAX_LOGO_BYTES)
     kind: Literal["png", "jpg"] = "png" if content.startswith(_PNG) else "jpg"
     size = _image_size(content)
     if size is None:
-        raise SettingsError(f"logo: {name!r} is neither PNG nor JPEG", "convert it; SVG is refused")
+        raise SettingsError(f"logo: {name!r} is neither PNG nor JPEG", "convert it to PNG; SVG is refused")
     if not 1 <= min(size) <= max(size) <= MAX_LOGO_SIDE:
         raise SettingsError(
-            f"logo: {name!r} has {size[0]} × {size[1]} pixels", f"use at most {MAX_LOGO_SIDE} on a side"
+            f"logo: {name!r} has {size[0]} × {size[1]} pixels",
+            f"use at most {MAX_LOGO_SIDE} pixels on a side",
         )
-    _refuse_unshown(Logo(content, kind), name)
+    _refuse_undisplayable_logo(Logo(content, kind), name)
     return Logo(content, kind)
 
 
-def _refuse_unshown(logo: Logo, name: str) -> None:
-    """Refuse a logo that Typst cannot show, where Typst is there to try."""
+def _refuse_undisplayable_logo(logo: Logo, name: str) -> None:
+    """Compile a page with the logo; raise `SettingsError` if Typst cannot show it. Nothing without Typst."""
     try:
         import typst
     except ImportError:
@@ -115,14 +125,17 @@ def _refuse_unshown(logo: Logo, name: str) -> None:
             inputs = {"logo": json.dumps(list(logo.content))}
             typst.Compiler(source.encode(), root=empty, sys_inputs=inputs).compile(format="pdf")
     except typst.TypstError as error:
-        raise SettingsError(f"logo: {name!r} cannot be shown: {error.message}", "save it again") from error
+        raise SettingsError(
+            f"logo: {name!r} cannot be shown: {error.message}", "save the picture again as PNG"
+        ) from error
 
 
 def _image_size(content: bytes) -> tuple[int, int] | None:
-    """Return width and height of a PNG by its header, of a JPEG by its segments; None for another file."""
+    """Return width and height [pixels] of a PNG or a JPEG; None for any other file."""
     if content.startswith(_PNG) and content[12:16] == b"IHDR" and len(content) >= 24:
         width, height = struct.unpack(">II", content[16:24])
         return width, height
+    # A JPEG is a list of segments: 0xFF, a marker, and the length of the rest in two bytes.
     place = 2 if content.startswith(_JPEG) else len(content)
     while place + 9 <= len(content) and content[place] == 0xFF:
         if content[place + 1] in _FRAMES:

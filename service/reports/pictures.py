@@ -20,10 +20,10 @@ _FONT = "Libertinus Serif, Georgia, serif"
 
 
 class Drawing:
-    """A drawing in points, y down."""
+    """A drawing as SVG; coordinates in points, y points down."""
 
     def __init__(self, width: float, height: float, title: str) -> None:
-        """Begin a drawing."""
+        """Begin an empty drawing of a size [points]; the title is for screen readers."""
         box = f"0 0 {width:g} {height:g}"
         attributes = {"xmlns": "http://www.w3.org/2000/svg", "viewBox": box, "role": "img"}
         self._root = ElementTree.Element("svg", attributes)
@@ -38,26 +38,26 @@ class Drawing:
         colour: str = LINE,
         width: float = 0.6,
     ) -> None:
-        """Draw a line."""
+        """Draw a straight line between two points."""
         self._add("line", x1=x1, y1=y1, x2=x2, y2=y2, stroke=colour, stroke_width=width)
 
     def path(self, points: Iterable[tuple[float, float]], colour: str = INK, width: float = 2.0) -> None:
-        """Draw lines from point to point."""
+        """Draw a polyline through points."""
         places = " ".join(f"{x:.2f},{y:.2f}" for x, y in points)
         self._add(
             "polyline", points=places, fill="none", stroke=colour, stroke_width=width, stroke_linejoin="round"
         )
 
     def bar(self, x: float, y: float, width: float, height: float, colour: str = PALE) -> None:
-        """Fill a rectangle."""
+        """Draw a filled rectangle; (x, y) is its upper left corner."""
         self._add("rect", x=x, y=y, width=max(width, 0.0), height=max(height, 0.0), fill=colour)
 
     def dot(self, x: float, y: float, radius: float = 2.4, colour: str = MARK) -> None:
-        """Fill a circle."""
+        """Draw a filled circle."""
         self._add("circle", cx=x, cy=y, r=radius, fill=colour)
 
     def text(self, x: float, y: float, text: str, size: float = 8.0, anchor: str = "start") -> None:
-        """Write a line."""
+        """Write a line of text at a point."""
         element = self._add("text", x=x, y=y, fill=INK, font_size=size, font_family=_FONT, text_anchor=anchor)
         element.text = text
 
@@ -65,6 +65,7 @@ class Drawing:
         return ElementTree.tostring(self._root, encoding="unicode")
 
     def _add(self, tag: str, **attributes: float | str) -> ElementTree.Element:
+        """Append an SVG element; an underscore in the name of an attribute becomes a hyphen."""
         written = {
             name.replace("_", "-"): value if isinstance(value, str) else f"{value:.2f}"
             for name, value in attributes.items()
@@ -82,8 +83,8 @@ _APART = 12.0
 """Distance of joints in the picture below which their numbers would overlap."""
 
 
-def intervals(joints: Sequence[JointResult], confidence: float) -> Picture | None:
-    """Draw each stiffness with its interval over a logarithmic axis; nothing without a number."""
+def draw_intervals(joints: Sequence[JointResult], confidence: float) -> Picture | None:
+    """Draw the stiffness of each joint with its interval on a logarithmic axis; None if no joint has one."""
     known = [joint for joint in joints if joint.stiffness is not None and joint.stiffness > 0.0]
     ends = [each.stiffness or 0.0 for each in known]
     for joint in known:
@@ -91,18 +92,19 @@ def intervals(joints: Sequence[JointResult], confidence: float) -> Picture | Non
     if not ends:
         return None
     low, high = floor(log10(min(ends))), ceil(log10(max(ends)))
-    high += low == high
+    high += low == high  # the axis covers one decade at least
     height = _ROW * (len(joints) + 1) + 22
     drawing = Drawing(_WIDTH, height, "Stiffness of each joint with its interval")
 
-    def at(value: float) -> float:
+    def x_of(value: float) -> float:
+        """Return the x coordinate of a stiffness on the logarithmic axis."""
         share = (log10(min(max(value, 10.0**low), 10.0**high)) - low) / (high - low)
         return _NAMES + share * (_WIDTH - _NAMES - 20)
 
     bottom = height - 24
     for decade in range(low, high + 1):
-        drawing.line(at(10.0**decade), 4, at(10.0**decade), bottom)
-        drawing.text(at(10.0**decade), bottom + 10, f"{10.0 ** (decade - 6):g}", anchor="middle")
+        drawing.line(x_of(10.0**decade), 4, x_of(10.0**decade), bottom)
+        drawing.text(x_of(10.0**decade), bottom + 10, f"{10.0 ** (decade - 6):g}", anchor="middle")
     drawing.text(_WIDTH - 20, bottom + 21, "stiffness [10⁶ N·m/rad]", anchor="end")
     for place, joint in enumerate(joints):
         y = _ROW * (place + 0.9)
@@ -111,11 +113,11 @@ def intervals(joints: Sequence[JointResult], confidence: float) -> Picture | Non
             drawing.text(_NAMES + 4, y + 3, "no number: see the table")
             continue
         lower, upper = joint.stiffness_interval or (joint.stiffness, joint.stiffness)
-        right = _WIDTH - 20 if upper is None else at(upper)
-        drawing.line(at(lower), y, right, y, MARK, 2.2)
-        for end in (at(lower), *([] if upper is None else [right])):
+        right = _WIDTH - 20 if upper is None else x_of(upper)
+        drawing.line(x_of(lower), y, right, y, MARK, 2.2)
+        for end in (x_of(lower), *([] if upper is None else [right])):
             drawing.line(end, y - 5, end, y + 5, MARK, 0.8)
-        drawing.dot(at(joint.stiffness), y, 1.5)
+        drawing.dot(x_of(joint.stiffness), y, 1.5)
     return Picture(
         str(drawing),
         f"Stiffness of each joint (dot) with its {100 * confidence:g} % interval (bar between ticks; without "
@@ -124,8 +126,8 @@ def intervals(joints: Sequence[JointResult], confidence: float) -> Picture | Non
     )
 
 
-def bars(chart: Chart) -> Picture:
-    """Draw a chart: a group of bars at each place, one for each series; of many places the first."""
+def draw_bars(chart: Chart) -> Picture:
+    """Draw a chart as groups of bars, a bar for each series; at most the first 60 groups."""
     count = min(len(chart.names), _MOST_BARS)
     rows = {
         name: [chart.factor * (each or 0.0) for each in list(values)[:count]]
@@ -158,13 +160,13 @@ def bars(chart: Chart) -> Picture:
     return Picture(str(drawing), f"{chart.title}.", 0.8)
 
 
-def before_and_after(result: RunResult) -> Picture | None:
-    """Draw the mean deflection of each observation, and what the model leaves of it."""
+def draw_deflections(result: RunResult) -> Picture | None:
+    """Draw the mean lengths of deflection and residual for each observation; None without deflections."""
     measured, left = result.mean_lengths("deflection"), result.mean_lengths("residual")
     if not any(measured.values()):
         return None
     series = {"measured": [*measured.values()], "left by the model": [*left.values()]}
-    return bars(
+    return draw_bars(
         Chart(
             "Deflection before and after compensation, mean length over the targets",
             [*measured],
@@ -175,8 +177,11 @@ def before_and_after(result: RunResult) -> Picture | None:
     )
 
 
-def arm(robot: Robot, joints: Sequence[float]) -> Picture | None:
-    """Draw the arm in a posture of the controller's angles [rad], from the side of a corner."""
+def draw_arm(robot: Robot, joints: Sequence[float]) -> Picture | None:
+    """Draw the arm in a posture, given as joint values of the controller [rad or m], seen at a slant.
+
+    None for an arm without extent.
+    """
     posture = to_postures(robot, [list(joints)])[0]
     points = np.array([[0.0, 0.0, 0.0], *posture.joint_origins, posture.flange_origin])
     reach = float(np.ptp(points, axis=0).max())
@@ -189,18 +194,19 @@ def arm(robot: Robot, joints: Sequence[float]) -> Picture | None:
     scale = min(200.0 / size[0], 170.0 / size[1])
     drawing = Drawing(260, 200, "The arm in the posture of the first observation")
 
-    def place(point: FloatArray) -> tuple[float, float]:
+    def to_drawing(point: FloatArray) -> tuple[float, float]:
+        """Return the coordinates in the drawing of a projected point (2,)."""
         x, y = (point - low) * scale
         return 20 + float(x), 185 - float(y)
 
     for end, name in zip(base[1:], "xyz", strict=True):
-        drawing.line(*place(base[0]), *place(end), MARK, 0.8)
-        drawing.text(*place(end), name)
-    drawing.path([place(point) for point in flat], INK, 2.4)
-    labels: list[tuple[float, float, str]] = []  # joints that nearly coincide share one
+        drawing.line(*to_drawing(base[0]), *to_drawing(end), MARK, 0.8)
+        drawing.text(*to_drawing(end), name)
+    drawing.path([to_drawing(point) for point in flat], INK, 2.4)
+    labels: list[tuple[float, float, str]] = []  # joints that nearly coincide share a label
     for number, point in enumerate(flat[1:-1], 1):
-        drawing.dot(*place(point))
-        x, y = place(point)
+        drawing.dot(*to_drawing(point))
+        x, y = to_drawing(point)
         near = next((i for i, each in enumerate(labels) if hypot(x - each[0], y - each[1]) < _APART), None)
         if near is None:
             labels.append((x, y, str(number)))
@@ -217,7 +223,7 @@ def arm(robot: Robot, joints: Sequence[float]) -> Picture | None:
 
 
 def _project(points: FloatArray) -> FloatArray:
-    """Return points (N, 3) as they are seen from (1, -1.6, 0.8), right and up (N, 2)."""
+    """Project points (N, 3) along the direction (1, -1.6, 0.8); return (N, 2): to the right and up."""
     towards = np.array([1.0, -1.6, 0.8]) / np.linalg.norm([1.0, -1.6, 0.8])
     right = np.cross([0.0, 0.0, 1.0], towards)
     right /= np.linalg.norm(right)
@@ -226,4 +232,5 @@ def _project(points: FloatArray) -> FloatArray:
 
 
 def _shorten(name: str) -> str:
+    """Cut a name to 18 characters."""
     return name if len(name) <= 18 else f"{name[:17]}…"

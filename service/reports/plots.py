@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_NAMES = 40
-"""Places with their names below the axis; of more, numbers."""
+"""Number of places up to which names are written below the axis; beyond it numbers are."""
 _TITLE_WIDTH = 90
 """Characters in a line of the title."""
 
 
 def figure_of(title: str, charts: Sequence[Chart], areas: Sequence[Area] = ()) -> Figure:
-    """Draw charts and areas, one below the other.
+    """Draw areas and charts, one below the other, and return the figure of matplotlib.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
@@ -47,18 +47,18 @@ def figure_of(title: str, charts: Sequence[Chart], areas: Sequence[Area] = ()) -
 
 
 def _draw_chart(axis: Axes, chart: Chart) -> None:
-    """Draw bars side by side, or dots on a logarithmic axis; with intervals where there are some."""
+    """Draw a chart as bars side by side, or as dots on a logarithmic axis, with its intervals if any."""
     count, series = len(chart.names), chart.series
     places, step = range(count), 0.8 / max(len(series), 1)
-    for which, (name, values) in enumerate(series.items()):
-        at = [place + (which - (len(series) - 1) / 2) * step for place in places]
+    for number, (name, values) in enumerate(series.items()):
+        positions = [place + (number - (len(series) - 1) / 2) * step for place in places]
         heights = [nan if value is None else chart.factor * value for value in values]
         intervals = chart.intervals.get(name)
-        ends = None if intervals is None else _below_and_above(heights, intervals, chart.factor)
+        ends = None if intervals is None else _error_bar_lengths(heights, intervals, chart.factor)
         if chart.logarithmic:
-            axis.errorbar(at, heights, yerr=ends, fmt="o", capsize=3, label=name)
+            axis.errorbar(positions, heights, yerr=ends, fmt="o", capsize=3, label=name)
         else:
-            axis.bar(at, heights, step, yerr=ends, capsize=3, label=name)
+            axis.bar(positions, heights, step, yerr=ends, capsize=3, label=name)
     if chart.logarithmic:
         axis.set_yscale("log")
     if count <= _MOST_NAMES:
@@ -70,9 +70,14 @@ def _draw_chart(axis: Axes, chart: Chart) -> None:
         axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small")  # at the side of the bars
 
 
-def _below_and_above(heights: Sequence[float], intervals: Sequence[Any], factor: float) -> list[list[float]]:
-    """Return how far the intervals reach below and above; without a limit, nothing is drawn there."""
-    below, above = [], []
+def _error_bar_lengths(
+    heights: Sequence[float], intervals: Sequence[Any], factor: float
+) -> list[list[float]]:
+    """Return the lengths of error bars below and above the heights; zero where an interval has no limit.
+
+    `factor` converts the limits of the intervals to the unit of the heights.
+    """
+    below, above = [], []  # `height != height` is true for NaN
     for height, interval in zip(heights, intervals, strict=True):
         low, high = interval or (None, None)
         below.append(0.0 if low is None or height != height else max(height - factor * low, 0.0))
@@ -81,14 +86,14 @@ def _below_and_above(heights: Sequence[float], intervals: Sequence[Any], factor:
 
 
 def _draw_area(figure: Figure, axis: Axes, area: Area) -> None:
-    """Draw a dot for each place, coloured by its value; a cross where there is none."""
+    """Draw an area seen from above: a square for each place, coloured by its value; a cross without value."""
     values = [area.factor * value for value in area.values]
     known = [i for i, value in enumerate(values) if value == value]
-    none = [i for i, value in enumerate(values) if value != value]
+    unknown = [i for i, value in enumerate(values) if value != value]  # NaN
     dots = axis.scatter(
         [area.x[i] for i in known], [area.y[i] for i in known], c=[values[i] for i in known], marker="s"
     )
-    axis.scatter([area.x[i] for i in none], [area.y[i] for i in none], c="0.7", marker="x")
+    axis.scatter([area.x[i] for i in unknown], [area.y[i] for i in unknown], c="0.7", marker="x")
     figure.colorbar(dots, ax=axis, label=area.names[2])
     axis.set_xlabel(area.names[0])
     axis.set_ylabel(area.names[1])

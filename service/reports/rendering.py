@@ -46,16 +46,16 @@ POLICY: Final = (
 
 
 def report_page(document: Document) -> bytes:
-    """Return a report as HTML."""
+    """Return a report as one HTML page without links to other files."""
     title, number = escape(document.title), escape(document.number)
     parts = [
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{title} {number}</title>',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
         f"<style>{_STYLE}</style></head><body><header>",
-        _letterhead(document.letterhead),
+        _letterhead_html(document.letterhead),
         f"<h1>{title}</h1><p>{number}</p>",
         "</header>",
-        *(_section(place, section) for place, section in enumerate(document.sections, 1)),
+        *(_section_html(position, section) for position, section in enumerate(document.sections, 1)),
     ]
     if document.signs:
         parts.append('<div class="sign">')
@@ -65,7 +65,8 @@ def report_page(document: Document) -> bytes:
     return "\n".join(parts).encode()
 
 
-def _letterhead(head: Letterhead) -> str:
+def _letterhead_html(head: Letterhead) -> str:
+    """Return the HTML of a letterhead, with the logo as a data URL."""
     logo = ""
     if head.logo is not None:
         kind, content = head.logo.kind.replace("jpg", "jpeg"), base64.b64encode(head.logo.content).decode()
@@ -74,16 +75,17 @@ def _letterhead(head: Letterhead) -> str:
     return f"{logo}<p><strong>{escape(head.name)}</strong>{lines}</p>"
 
 
-def _section(place: int, section: Section) -> str:
+def _section_html(number: int, section: Section) -> str:
+    """Return the HTML of a section with its number: tables, notes, facts, paragraphs, pictures."""
     facts = "".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in section.facts)
     return "\n".join(
         [
-            f"<section><h2>{place} {escape(section.heading)}</h2>",
-            *map(_table, section.tables),
+            f"<section><h2>{number} {escape(section.heading)}</h2>",
+            *map(_table_html, section.tables),
             *(f"<p>– {escape(note)}</p>" for note in section.notes),
             f"<dl>{facts}</dl>" if facts else "",
             *(f"<p>{escape(paragraph)}</p>" for paragraph in section.paragraphs),
-            *(  # each was drawn here, its texts escaped
+            *(  # SVG of this program, whose texts are escaped already
                 f"<figure>{picture.svg}<figcaption>{escape(picture.caption)}</figcaption></figure>"
                 for picture in section.pictures
             ),
@@ -92,7 +94,8 @@ def _section(place: int, section: Section) -> str:
     )
 
 
-def _table(table: Table) -> str:
+def _table_html(table: Table) -> str:
+    """Return the HTML of a table; columns of texts are aligned to the left."""
     texts = table.text_columns()
 
     def row(cells: Iterable[str], tag: str) -> str:
@@ -136,16 +139,18 @@ def report_pdf(document: Document) -> bytes:
         import typst
     except ImportError as error:
         raise NoTypstError from error
-    data = _data(document)
+    data = _template_data(document)
     try:
-        return _compiled(data, document)
+        return _compile_pdf(data, document)
     except typst.TypstError as error:
         if "could not be displayed" not in error.message:
             raise
-    return _compiled(_json_for_typst(data), document)
+    # A font lacks some character.
+    return _compile_pdf(_replace_unusual_characters(data), document)
 
 
-def _compiled(data: dict[str, Any], document: Document) -> bytes:
+def _compile_pdf(data: dict[str, Any], document: Document) -> bytes:
+    """Return the PDF that Typst makes of the template and its data, without access to any other file."""
     import typst
 
     with TemporaryDirectory(prefix="jointstiff-report-") as empty:  # all that Typst may read
@@ -165,14 +170,14 @@ def _compiled(data: dict[str, Any], document: Document) -> bytes:
 
 @cache
 def _fonts() -> typst.Fonts:
-    """Return the fonts that Typst brings: reports look the same on every machine."""
+    """Return the fonts of Typst itself, without those of the system: reports look the same everywhere."""
     import typst
 
     return typst.Fonts(include_system_fonts=False)
 
 
-def _data(document: Document) -> dict[str, Any]:
-    """Return what the template reads."""
+def _template_data(document: Document) -> dict[str, Any]:
+    """Return the content of a report as JSON values, in the form that the template reads."""
     dated, head = document.dated.astimezone(UTC), document.letterhead
     parts = ("year", "month", "day", "hour", "minute", "second")
     return {
@@ -190,12 +195,15 @@ def _data(document: Document) -> dict[str, Any]:
     }
 
 
-def _json_for_typst(value: Any) -> Any:  # noqa: ANN401 - JSON
-    """Return JSON with the code of each character that the fonts may lack; attachments stay as they are."""
+def _replace_unusual_characters(value: Any) -> Any:  # noqa: ANN401 - JSON
+    """Replace characters that the fonts may lack by their codes; not in the content of attachments."""
     if isinstance(value, str):
         return _UNUSUAL.sub(lambda found: f"‹U+{ord(found[0]):04X}›" if found[0] != "\n" else "\n", value)
     if isinstance(value, list | tuple):
-        return [_json_for_typst(each) for each in value]
+        return [_replace_unusual_characters(each) for each in value]
     if isinstance(value, dict):
-        return {name: each if name == "content" else _json_for_typst(each) for name, each in value.items()}
+        return {
+            name: each if name == "content" else _replace_unusual_characters(each)
+            for name, each in value.items()
+        }
     return value

@@ -28,13 +28,13 @@ from jointstiff.service.reports.document import (
     Attachment,
     Document,
     Section,
-    moment,
-    percent,
-    versions_of,
+    format_percent,
+    format_time,
+    list_versions,
 )
-from jointstiff.service.reports.exports import ExportedModel, joints_csv, why_no_stiffness
+from jointstiff.service.reports.exports import ExportedModel, explain_missing_stiffness, write_joints_csv
 from jointstiff.service.reports.laboratory import LaboratorySettings
-from jointstiff.service.reports.pictures import arm, before_and_after, intervals
+from jointstiff.service.reports.pictures import draw_arm, draw_deflections, draw_intervals
 from jointstiff.service.runs.deflection import predict_by_run
 from jointstiff.service.runs.verdicts import refuse_unaccepted
 from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, requested, support
@@ -90,7 +90,7 @@ ITEMS: Final = (
     ("7.8.4.1 e", "statement of conformity", f"{STATED}: none"),
     ("7.8.4.1 f", "opinions and interpretations", ASSESSMENT),
 )
-"""Item, what it asks for, and the section that answers it."""
+"""Clause of ISO/IEC 17025, what it requires, and the place in the report that has it."""
 
 
 MAX_ATTACHED_BYTES: Final = 2_500_000
@@ -113,14 +113,14 @@ _MISSING: Final = {
 
 @dataclass(frozen=True, eq=False)
 class RunSubject:
-    """A run to report on."""
+    """Run, readings and settings from which a report is made."""
 
     model: ExportedModel  # the run with its robot
     readings: MeasurementSetDocument  # the measurement set; of its observations only the postures are drawn
     settings: LaboratorySettings  # settings of the laboratory
 
     def run_json(self) -> bytes:
-        """Return the run as it is attached: a large one without what it says of each observation."""
+        """Return the run as JSON for the attachment; a large run without its lists by observation."""
         run = self.model.run
         whole = run.model_dump_json().encode()
         if len(whole) <= MAX_ATTACHED_BYTES or run.result is None:
@@ -130,7 +130,7 @@ class RunSubject:
 
 
 def run_document(subject: RunSubject) -> Document:
-    """Return the report of a run. The same run, metadata and settings give the same document."""
+    """Return the report of a run; the same run, readings and settings give the same document."""
     run, settings = subject.model.run, subject.settings
     items = text_table(["item", "requires", "is in"], ITEMS, texts=[0, 1, 2])
     return Document(
@@ -139,17 +139,17 @@ def run_document(subject: RunSubject) -> Document:
         letterhead=settings.letterhead(),
         dated=run.provenance.ended_at or run.provenance.created_at,
         sections=[
-            _identification(subject),
-            results(subject.model, subject.readings),
-            *_predicted_compliance(subject),
-            uncertainty(subject.model),
-            method(subject.model, settings.laboratory),
+            _build_identification_section(subject),
+            build_results_section(subject.model, subject.readings),
+            *_build_prediction_section(subject),
+            build_uncertainty_section(subject.model),
+            build_method_section(subject.model, settings.laboratory),
             Section(REQUESTED, facts=requested(run.request)),
-            _adjustment(subject.model),
-            _traceability(subject.readings, settings.laboratory),
-            assessment(subject.model.result),
+            _build_adjustment_section(subject.model),
+            _build_traceability_section(subject.readings, settings.laboratory),
+            build_assessment_section(subject.model.result),
             Section(STATED, paragraphs=list(STATEMENTS)),
-            _origin(subject),
+            _build_origin_section(subject),
             Section("Items of ISO/IEC 17025:2017 and their places in this report", tables=[items]),
         ],
         attachments=[
@@ -159,12 +159,13 @@ def run_document(subject: RunSubject) -> Document:
                 "The run; a large one without its residuals",
                 subject.run_json(),
             ),
-            Attachment("joints.csv", "text/csv", "The joints as a table", joints_csv(subject.model)),
+            Attachment("joints.csv", "text/csv", "The joints as a table", write_joints_csv(subject.model)),
         ],
     )
 
 
-def _identification(subject: RunSubject) -> Section:
+def _build_identification_section(subject: RunSubject) -> Section:
+    """Return the section that identifies report, customer, place, robot and measurement."""
     readings, run, robot = subject.readings, subject.model.run, subject.model.robot
     laboratory = subject.settings.laboratory or Laboratory(name=NOT_STATED)
     party = laboratory.customer
@@ -176,8 +177,8 @@ def _identification(subject: RunSubject) -> Section:
         ("Item", f"Industrial robot {subject.model.name}, {robot.n} joints: {', '.join(robot.joint_names)}"),
         ("Serial number", readings.serial_number or NOT_STATED),
         ("Condition of the item", readings.item_condition or NOT_STATED),
-        ("Measured", moment(readings.measured_at)),
-        ("Computed", moment(run.provenance.ended_at)),
+        ("Measured", format_time(readings.measured_at)),
+        ("Computed", format_time(run.provenance.ended_at)),
         ("Measurement set", readings.name),
         ("Operator", readings.operator or NOT_STATED),
         ("Notes on the measurement", readings.notes or ""),
@@ -185,16 +186,20 @@ def _identification(subject: RunSubject) -> Section:
     return Section(IDENTIFICATION, facts=[fact for fact in facts if fact[1]])
 
 
-def results(model: ExportedModel, readings: MeasurementSetDocument) -> Section:
-    """Return stiffness, uncertainty and interval of each joint, with pictures."""
+def build_results_section(model: ExportedModel, readings: MeasurementSetDocument) -> Section:
+    """Return the section with stiffness, uncertainty and interval of each joint, and with pictures."""
     result, budget = model.result, model.result.budget
     level, unit = f"{100 * model.run.request.confidence:g} % interval", f"[{_UNIT.label}]"
-    factor = "" if budget is None else f", k = {figure(_factor(budget))}{', partial' * bool(budget.missing)}"
+    factor = (
+        ""
+        if budget is None
+        else f", k = {figure(_coverage_factor(budget))}{', partial' * bool(budget.missing)}"
+    )
     head = ["joint", "stiffness", "standard uncertainty", "expanded uncertainty", level, "verdict"]
     head[1:5] = [f"{name} {unit}" for name in head[1:5]]
     head[3] += factor
     rows = []
-    for joint, u in zip(result.joints, expanded(model), strict=True):
+    for joint, u in zip(result.joints, expanded_uncertainties(model), strict=True):
         value, spread, interval = _UNIT.cells(joint)
         wide = NO_NUMBER
         if u is not None:
@@ -207,20 +212,20 @@ def results(model: ExportedModel, readings: MeasurementSetDocument) -> Section:
         sigma = f"{rounded(1e6 * result.sigma)} µm ({result.goodness.sigma_source})"
     posture = (joint_factors(model.robot, readings.units) * readings.observations[0].joints).tolist()
     pictures = [
-        intervals(result.joints, model.run.request.confidence),
-        before_and_after(result),
-        arm(model.robot, posture),
+        draw_intervals(result.joints, model.run.request.confidence),
+        draw_deflections(result),
+        draw_arm(model.robot, posture),
     ]
     return Section(
         RESULTS,
         tables=[text_table(head, rows, texts=[0, 5])],
         notes=[
-            f"{joint.name}: no number: {why_no_stiffness(joint)}."
+            f"{joint.name}: no number: {explain_missing_stiffness(joint)}."
             for joint in result.joints
             if joint.stiffness is None
         ],
         facts=[
-            ("Share of the mean deflection that the model explains", percent(result.compensation)),
+            ("Share of the mean deflection that the model explains", format_percent(result.compensation)),
             ("Root mean square of the residuals' lengths", length_text(result.rms_residual)),
             ("Standard uncertainty of a coordinate of a reading", sigma),
         ],
@@ -228,22 +233,30 @@ def results(model: ExportedModel, readings: MeasurementSetDocument) -> Section:
     )
 
 
-def expanded(model: ExportedModel) -> Iterator[tuple[float, float, float] | None]:
-    """Yield of each joint expanded uncertainty of the stiffness [N·m/rad], coverage factor, probability."""
+def expanded_uncertainties(model: ExportedModel) -> Iterator[tuple[float, float, float] | None]:
+    """Yield for each joint the expanded uncertainty of its stiffness, coverage factor and probability.
+
+    None for a joint without stiffness or budget. The model error is included.
+    """
     budget = model.result.budget
     for joint in model.result.joints:
         if budget is None or joint.name not in budget.joints or joint.stiffness is None:
             yield None
             continue
-        whole = budget.expanded_with_model_error[budget.joints.index(joint.name)] / budget.coverage_factor
-        yield _factor(budget) * whole * joint.stiffness**2, _factor(budget), budget.probability
+        standard = budget.expanded_with_model_error[budget.joints.index(joint.name)] / budget.coverage_factor
+        # k = 1/c, so that u(k) = k² u(c) with the compliance c of the budget.
+        yield (
+            _coverage_factor(budget) * standard * joint.stiffness**2,
+            _coverage_factor(budget),
+            budget.probability,
+        )
 
 
 def predicted_compliance(subject: RunSubject) -> list[CaseResult]:
     """Predict the deflection of the flange's centre by 100 N along each axis of R0, in the first posture.
 
     Returns:
-        A case for each axis; none if the run has no model that predicts, or is not to be used.
+        A case for each axis; no case if the run cannot predict, or its verdict is "do not use".
     """
     units, first = subject.readings.units, subject.readings.observations[0]
     size = PREDICTED_FORCE / FORCE[units.force]
@@ -261,8 +274,11 @@ def predicted_compliance(subject: RunSubject) -> list[CaseResult]:
         return []
 
 
-def _predicted_compliance(subject: RunSubject) -> Iterator[Section]:
-    """Yield the table of clause 10 of ISO 9283, as the identified stiffness predicts it."""
+def _build_prediction_section(subject: RunSubject) -> Iterator[Section]:
+    """Yield the section with the predicted static compliance of the flange; nothing without prediction.
+
+    Its table has the form of ISO 9283, clause 10.
+    """
     cases, per_newton = predicted_compliance(subject), 1e3 / PREDICTED_FORCE
     rows = []
     for case in cases:
@@ -284,14 +300,14 @@ def _predicted_compliance(subject: RunSubject) -> Iterator[Section]:
         remarks = dict.fromkeys(remark for case in cases for remark in case.remarks)
         yield Section(
             PREDICTED,
-            paragraphs=[predicted_where(subject)],
+            paragraphs=[describe_prediction(subject)],
             tables=[text_table(head, rows)],
             notes=list(remarks),
         )
 
 
-def predicted_where(subject: RunSubject) -> str:
-    """Return what the predicted compliance is of."""
+def describe_prediction(subject: RunSubject) -> str:
+    """Return a paragraph that says how, where and in which posture the compliance was predicted."""
     return (
         "Predicted from the identified stiffness, not measured: displacement of the flange's centre by a "
         f"force there, in the posture of observation {subject.readings.observations[0].label}, axes of R0. "
@@ -299,15 +315,15 @@ def predicted_where(subject: RunSubject) -> str:
     )
 
 
-def _factor(budget: Budget) -> float:
-    """Return the coverage factor: 2 where a normal distribution has about 95 %, as EA-4/02 states it."""
+def _coverage_factor(budget: Budget) -> float:
+    """Return the coverage factor of a budget; 2 instead of 1.96, as EA-4/02 has it for 95 %."""
     if budget.probability == _USUAL and budget.coverage_factor <= 2.0:
         return 2.0
     return budget.coverage_factor
 
 
-def uncertainty(model: ExportedModel) -> Section:
-    """Return the budget of the compliances, in the words of the GUM."""
+def build_uncertainty_section(model: ExportedModel) -> Section:
+    """Return the section with the uncertainty budget of the compliances, or why the run has none."""
     budget, weight = model.result.budget, model.result.weight
     if weight is not None:
         cells = [
@@ -330,15 +346,16 @@ def uncertainty(model: ExportedModel) -> Section:
         )
     sizes = {joint.name: abs(joint.compliance or 0.0) for joint in model.result.joints}
 
-    def row(source: str, kind: str, values: Sequence[float]) -> list[str]:
+    def relative_row(source: str, kind: str, values: Sequence[float]) -> list[str]:
+        """Return a row of the table: uncertainties as percentages of the compliances."""
         pairs = zip(budget.joints, values, strict=True)
         shares = [100.0 * u / sizes[name] if sizes[name] else None for name, u in pairs]
         return [source, kind, *(NO_NUMBER if each is None else rounded(each, each) for each in shares)]
 
-    factor = _factor(budget)
+    factor = _coverage_factor(budget)
     combined = [each / budget.coverage_factor for each in budget.expanded_with_model_error]
     rows = [
-        row(
+        relative_row(
             f"{each.source.replace('_', ' ')}{'' if each.included else ' (not included)'}",
             each.evaluation,
             each.contributions,
@@ -346,9 +363,11 @@ def uncertainty(model: ExportedModel) -> Section:
         for each in budget.components
     ]
     rows += [
-        row("combined, sources in the intervals", "", budget.standard_uncertainty),
-        row("combined, all sources", "", combined),
-        row(f"expanded, all sources, k = {figure(factor)}", "", [factor * each for each in combined]),
+        relative_row("combined, sources in the intervals", "", budget.standard_uncertainty),
+        relative_row("combined, all sources", "", combined),
+        relative_row(
+            f"expanded, all sources, k = {figure(factor)}", "", [factor * each for each in combined]
+        ),
     ]
     missing = "".join(f"It is partial: {_MISSING[each]}. " for each in budget.missing)
     caption = "Contributions to the standard uncertainty of each compliance [% of it]"
@@ -358,9 +377,9 @@ def uncertainty(model: ExportedModel) -> Section:
         paragraphs=[
             "The reported expanded uncertainty U is stated as the standard uncertainty of measurement, by "
             f"all sources of this budget, multiplied by the coverage factor k = {figure(factor)}, which "
-            f"corresponds to a coverage probability of approximately {percent(budget.probability)} "
+            f"corresponds to a coverage probability of approximately {format_percent(budget.probability)} "
             "(JCGM 100:2008, EA-4/02). The relative uncertainty of a stiffness is that of its compliance. "
-            f"{missing}{_correlation(budget)}",
+            f"{missing}{_describe_correlation(budget)}",
             "The interval of a joint differs from y ± U: it has all stiffnesses that the likelihood of the "
             "readings does not exclude, can be asymmetric, and omits the sources that are not included "
             "above.",
@@ -368,7 +387,8 @@ def uncertainty(model: ExportedModel) -> Section:
     )
 
 
-def _correlation(budget: Budget) -> str:
+def _describe_correlation(budget: Budget) -> str:
+    """Return a sentence with the greatest correlation between two joints; empty for a single joint."""
     pairs = [
         (budget.correlation[i][j], budget.joints[i], budget.joints[j])
         for i, j in combinations(range(len(budget.joints)), 2)
@@ -382,8 +402,8 @@ def _correlation(budget: Budget) -> str:
     )
 
 
-def method(model: ExportedModel, laboratory: Laboratory | None) -> Section:
-    """Return the method, and what was done otherwise than by default."""
+def build_method_section(model: ExportedModel, laboratory: Laboratory | None) -> Section:
+    """Return the section with the method of the run and its deviations from the defaults."""
     request, version = model.run.request, model.run.provenance.versions.get("jointstiff", "")
     constraint = "compliances not negative" if request.positive else "without constraints"
     way = (
@@ -430,8 +450,8 @@ def method(model: ExportedModel, laboratory: Laboratory | None) -> Section:
     )
 
 
-def _adjustment(model: ExportedModel) -> Section:
-    """Return deflections as found, and as the model would leave them."""
+def _build_adjustment_section(model: ExportedModel) -> Section:
+    """Return the section with the mean deflection as measured and after compensation by the model."""
     residuals, facts = model.result.residuals, []
     if residuals:
         before = 1e3 * fmean(float(np.linalg.norm(each.deflection)) for each in residuals)
@@ -439,7 +459,7 @@ def _adjustment(model: ExportedModel) -> Section:
         facts = [
             ("Mean deflection, before: as measured", f"{rounded(before)} mm"),
             ("Mean deflection, after compensation by the model, computed", f"{rounded(after)} mm"),
-            ("Share that the model compensates", percent(model.result.compensation)),
+            ("Share that the model compensates", format_percent(model.result.compensation)),
         ]
     return Section(
         ADJUSTMENT,
@@ -451,8 +471,8 @@ def _adjustment(model: ExportedModel) -> Section:
     )
 
 
-def _traceability(readings: MeasurementSetDocument, laboratory: Laboratory | None) -> Section:
-    """Return conditions, instrument and what its uncertainty rests on."""
+def _build_traceability_section(readings: MeasurementSetDocument, laboratory: Laboratory | None) -> Section:
+    """Return the section with conditions, instrument, traceability, loads and targets."""
     newtons, millimetres = FORCE[readings.units.force], 1e3 * LENGTH[readings.units.length]
     sizes = [newtons * float(np.linalg.norm(each.force)) for each in readings.observations]
     force = " N to ".join(dict.fromkeys((rounded(min(sizes)), rounded(max(sizes)))))
@@ -480,7 +500,7 @@ def _traceability(readings: MeasurementSetDocument, laboratory: Laboratory | Non
 
 
 def _stated_noise(readings: MeasurementSetDocument) -> Iterator[str]:
-    """Yield what is stated of the uncertainty of readings, and of what all observations share."""
+    """Yield sentences on the stated uncertainty of the readings, of the load, the targets and the axes."""
     noise, length = readings.noise, LENGTH[readings.units.length]
     if noise is not None and noise.refuted:
         yield "estimated from the residuals, which refuted the noise as stated."
@@ -503,7 +523,7 @@ def _stated_noise(readings: MeasurementSetDocument) -> Iterator[str]:
 
 
 def _assumed_uncertainties(noise: Noise | None) -> Iterator[str]:
-    """Yield what is assumed of a load, as it is not stated."""
+    """Yield sentences on uncertainties of the load that are assumed because they are not stated."""
     if noise is None or noise.force is None or noise.force.scale is None:
         yield f"Size of the force: none stated; ±{100 * ASSUMED_FORCE_SCALE:g} % assumed."
     if noise is None or noise.load_point is None:
@@ -511,7 +531,10 @@ def _assumed_uncertainties(noise: Noise | None) -> Iterator[str]:
 
 
 def _shared_uncertainties(noise: Noise, millimetres: float) -> Iterator[str]:
-    """Yield what all observations share, with lengths in mm for those of the set."""
+    """Yield sentences on stated uncertainties that all observations share: force, places, axes.
+
+    `millimetres` is the size of the set's unit of length [mm].
+    """
     if noise.force is not None:
         size = "" if noise.force.scale is None else f"relative {noise.force.scale:g}, "
         yield f"Force: {size}direction {rounded(1e3 * noise.force.direction)} mrad."
@@ -525,8 +548,8 @@ def _shared_uncertainties(noise: Noise, millimetres: float) -> Iterator[str]:
         )
 
 
-def assessment(result: RunResult) -> Section:
-    """Return the verdict with its reasons and the warnings."""
+def build_assessment_section(result: RunResult) -> Section:
+    """Return the section with the verdict on the run, its reasons, and the warnings."""
     reasons = result.assessment.reasons
     known = {each.message for each in reasons}
     further = [each for each in result.warnings if each.message not in known]
@@ -544,14 +567,15 @@ def assessment(result: RunResult) -> Section:
     )
 
 
-def _origin(subject: RunSubject) -> Section:
+def _build_origin_section(subject: RunSubject) -> Section:
+    """Return the section with the origin of the numbers: run, input hash, versions, geometry, attachments."""
     run, geometry = subject.model.run, subject.model.geometry_id
     return Section(
         ORIGIN,
         facts=[
             ("Run", run.id),
             ("SHA-256 of the input", run.provenance.input_hash),
-            ("Versions", versions_of(run)),
+            ("Versions", list_versions(run)),
             ("Geometry", "as described" if geometry is None else f"as identified, geometry {geometry}"),
             (
                 "Attached",

@@ -24,7 +24,7 @@ AnyCampaign = Campaign | Mapping[str, Any] | str | PathLike[str]
 
 
 def campaign_of(campaign: AnyCampaign) -> Campaign:
-    """Return a campaign from a file, or from a document that was read already.
+    """Return the campaign that a file or a document holds; a campaign is returned as it is.
 
     Raises:
         CampaignError: the file is too large, or the document is no campaign.
@@ -38,52 +38,53 @@ def campaign_of(campaign: AnyCampaign) -> Campaign:
 
 
 def read_document(path: Path, message: type[Document], section: str | None = None) -> Document:
-    """Read a file of JSON.
+    """Read a JSON file and validate it as a message.
 
     Args:
-        path: of the file.
-        message: what it should have.
-        section: of a larger document, which may be given in its place.
+        path: path of the file.
+        message: class of the message.
+        section: key under which the message may be found in a larger document, such as a campaign.
 
     Raises:
-        CampaignError: the file is too large, or not such a document.
+        CampaignError: the file is too large, or holds no such message.
+        OSError: the file cannot be read.
     """
     return parse_content(read_content(path), message, path, section)
 
 
 def read_content(path: Path) -> bytes:
-    """Read a file that is to be parsed, perhaps by another process.
+    """Return the bytes of a file of at most `MAX_SET_BYTES`, not parsed.
 
     Raises:
         CampaignError: the file is too large, or empty.
-        OSError: it cannot be read.
+        OSError: the file cannot be read.
     """
-    with path.open("rb") as file:  # which may be a pipe, of no size
+    with path.open("rb") as file:  # a pipe has no size to look at first
         content = file.read(MAX_SET_BYTES + 1)
     if len(content) > MAX_SET_BYTES:
         limit = f"{MAX_SET_BYTES // 1024**2} MiB"
         raise CampaignError(http_problem(413, f"{path} exceeds {limit}", "split it into several sets"))
     if not content.strip():
-        raise CampaignError(http_problem(422, f"{path} is empty", "give a file that was written to its end"))
+        raise CampaignError(http_problem(422, f"{path} is empty", "give a file that was saved completely"))
     return content
 
 
 def parse_content(
     content: bytes, message: type[Document], path: Path | None = None, section: str | None = None
 ) -> Document:
-    """Return what the content of a file is; arguments as of `read_document`.
+    """Validate the content of a file as a message; `path` is for errors, `section` as in `read_document`.
 
     Raises:
-        CampaignError: it is not such a document.
+        CampaignError: the content is no such message.
     """
-    return _parsed(message, content.removeprefix(BOM_UTF8), section, path)
+    return _validate_content(message, content.removeprefix(BOM_UTF8), section, path)
 
 
 def read_object(path: Path) -> dict[str, Any]:
-    """Read a file with a JSON object; what it should hold is checked later.
+    """Read a JSON file as a dictionary, without checking its fields.
 
     Raises:
-        CampaignError: the file is too large, or no JSON object.
+        CampaignError: the file is too large, or holds no JSON object.
     """
     return read_document(path, _AnyObject).model_dump(mode="json")
 
@@ -93,19 +94,19 @@ class _AnyObject(BaseModel):
 
 
 def parse_document(document: Mapping[str, Any], message: type[Document]) -> Document:
-    """Validate a document that was read already.
+    """Validate a document as a message; its values may be messages and arrays.
 
     Raises:
-        CampaignError: it is not such a document, or holds what is no JSON.
+        CampaignError: the document is no such message, or holds values that JSON has not.
     """
-    return _parsed(message, document_content(document))
+    return _validate_content(message, document_content(document))
 
 
 def document_content(document: Mapping[str, Any]) -> bytes:
-    """Return a document that was read already as JSON.
+    """Return a document as JSON, encoded in UTF-8; its values may be messages and arrays.
 
     Raises:
-        CampaignError: it holds what is no JSON.
+        CampaignError: the document holds values that JSON has not.
     """
     try:
         return json_text(document).encode()
@@ -117,17 +118,17 @@ def document_content(document: Mapping[str, Any]) -> bytes:
 
 
 def json_text(document: object) -> str:
-    """Return JSON of plain values, messages and arrays.
+    """Return a document of plain values, messages and arrays as JSON text.
 
     Raises:
-        TypeError: there is something else in it.
-        ValueError: it is no JSON, as it has a circle or NaN.
+        TypeError: the document holds something else.
+        ValueError: a list or dictionary contains itself.
     """
     return json.dumps(document, default=_plain_value)
 
 
 def _plain_value(value: Any) -> Any:  # noqa: ANN401 - anything in a document
-    """Return a message or an array as JSON takes it."""
+    """Convert a message, mapping or array to plain values for `json.dumps`; raise TypeError otherwise."""
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json", exclude_unset=True)
     if isinstance(value, Mapping):
@@ -138,9 +139,10 @@ def _plain_value(value: Any) -> Any:  # noqa: ANN401 - anything in a document
     raise TypeError(f"{type(value).__name__} is neither a number, a text, a list nor an array")
 
 
-def _parsed(
+def _validate_content(
     message: type[Document], content: bytes, section: str | None = None, path: Path | None = None
 ) -> Document:
+    """Validate JSON as a message; raise `CampaignError` with the faults, or with what the file is instead."""
     try:
         return parse(message, content, section)
     except MalformedError as error:
@@ -155,7 +157,10 @@ def _parsed(
 def _other_document(
     message: type[BaseModel], content: bytes, error: MalformedError, name: str
 ) -> Problem | None:
-    """Return what the file of a name is instead, if it is of a kind that we know; None if it is not."""
+    """Return the problem of a file that holds another known kind of document; None if it holds none.
+
+    `message` is the class that was expected, `error` why the content is no such message.
+    """
     tables = "to read tables and point lists use `jointstiff import FILE`"
     if error.keys is NOT_JSON:
         if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
@@ -166,8 +171,8 @@ def _other_document(
             what = file_type(content) or "a text"
             return http_problem(422, f"{name} is {what}, not a JSON document", tables)
         return http_problem(422, f"{name}: {error.faults[0]['msg']}", f"correct the JSON there; {tables}")
-    for others, what, remedy in _OTHERS:
-        if others <= error.keys and not others <= set(message.model_fields):
+    for keys, what, remedy in _OTHERS:
+        if keys <= error.keys and not keys <= set(message.model_fields):
             return http_problem(422, f"{name} is {what}", remedy)
     return None
 
@@ -184,10 +189,10 @@ _OTHERS: Final = (
 
 
 def read_robot(text: str) -> RobotDocument:
-    """Return the robot of a file that has one, or of a campaign; else the nominal arm of that name.
+    """Return the robot in a file of a robot or a campaign; if no such file exists, the arm of this name.
 
     Raises:
-        CampaignError: the file is neither; or there is no such file, and no such arm.
+        CampaignError: the file holds no robot, or neither a file nor an arm has this name.
     """
     from jointstiff.service.conversion.catalogue import find_arm, nominal_robot
 
@@ -202,10 +207,13 @@ def read_robot(text: str) -> RobotDocument:
 
 
 def read_planned(source: Any) -> Any:  # noqa: ANN401 - robot, campaign or run
-    """Return what a campaign is planned for: a message as it is; of a document or a file robot or campaign.
+    """Return the robot, campaign or run for which a campaign is planned.
+
+    A message is returned as it is; documents and files are read as a robot or a campaign; any other text is
+    the name of an arm in the catalogue.
 
     Raises:
-        CampaignError: the file is too large, or neither; there is no such file, and no such arm.
+        CampaignError: the file is too large or holds neither, or neither a file nor an arm has this name.
     """
     if isinstance(source, Mapping):
         return parse_document(source, Campaign if "measurement_set" in source else RobotDocument)
@@ -217,5 +225,5 @@ def read_planned(source: Any) -> Any:  # noqa: ANN401 - robot, campaign or run
     try:
         is_campaign = "measurement_set" in json.loads(path.read_bytes())
     except (ValueError, TypeError):
-        is_campaign = True  # whose reader says what is wrong
+        is_campaign = True  # reading it as a campaign raises the error that says what is wrong
     return read_document(path, Campaign) if is_campaign else read_document(path, RobotDocument)

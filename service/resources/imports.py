@@ -38,7 +38,7 @@ _LENGTHS: Final = frozenset(("sigma", "station", "constant", "load_point", "targ
 
 
 class ImportRefusedError(FilesError):
-    """Raise when files were not understood; nothing of them is taken then."""
+    """Files were not understood; nothing of them is imported."""
 
     def __init__(self, faults: Sequence[ImportFileError]) -> None:
         first = faults[0]
@@ -48,6 +48,7 @@ class ImportRefusedError(FilesError):
 
 
 def _place_text(place: Place) -> str:
+    """Return a place as `file:line:column`, as far as it is known; `files` for no place."""
     return ":".join(str(part) for part in place if part is not None) or "files"
 
 
@@ -57,23 +58,23 @@ def import_files(
     robot: Robot | None = None,
     others: Iterable[KnownRobot] | None = None,
 ) -> ImportAnswer:
-    """Understand files of readings, and make a measurement set of them if nothing is missing.
+    """Read files of readings; return a preview, and a measurement set if nothing is missing for it.
 
     Args:
-        files: text or Excel, in any order.
-        request: what they do not say themselves.
-        robot: that was measured: then the set is inspected.
-        others: robots that may have been measured instead; the catalogue's arms if None.
+        files: text files or workbooks, in any order.
+        request: options, and statements that the files do not contain.
+        robot: robot that was measured; with it the set is inspected for mistakes.
+        others: robots that may have been measured instead; None: the arms of the catalogue.
 
     Raises:
-        ImportRefusedError: something in them is not understood, contradictory or ambiguous, and the request
-            does not ask to be shown it.
+        ImportRefusedError: something in the files is not understood, contradictory or ambiguous, and the
+            request does not have `show_faults`.
     """
     understood = understand_files(files, request)
     faults, first = list(understood.faults), files[0].name if files else ""
     bodies: list[Body] = []
     try:
-        bodies = _with_robot_names(understood.bodies, robot)
+        bodies = _name_joints_of_bodies(understood.bodies, robot)
     except ImportFileError as fault:
         faults.append(fault)
     unloaded = bool(bodies or (robot and robot.bodies)) and _is_unloaded(understood, request)
@@ -81,15 +82,15 @@ def import_files(
     document, findings, template, geometry = None, None, None, None
     if not faults and not missing:
         try:
-            document = _measurement_set(understood, request, first, own_weight=unloaded)
-            findings = None if robot is None else _findings(document, robot, others)
-            template = _template(understood, request)
+            document = _build_measurement_set(understood, request, first, own_weight=unloaded)
+            findings = None if robot is None else _inspect_set(document, robot, others)
+            template = _build_template(understood, request)
         except ImportFileError as fault:
             document = None
             faults.append(fault)
     unusable = {"joints", "accept_unusual"} & missing.keys()
     if not faults and understood.preview.states == ["unloaded"] and not unusable:
-        geometry = _geometry(understood, request, first)
+        geometry = _build_geometry_request(understood, request, first)
     if faults and not request.show_faults:
         raise ImportRefusedError(faults)
     return ImportAnswer(
@@ -116,13 +117,13 @@ def import_files(
 
 
 def _is_unloaded(understood: Understood, request: ImportRequest) -> bool:
-    """Return whether the files have unloaded positions only, and nobody states a load."""
-    loads = (one.vector("force") or () for one in understood.observations)
-    return understood.preview.states == ["unloaded"] and request.force is None and not any(map(any, loads))
+    """Return whether all positions are unloaded, and neither the files nor the request state a force."""
+    forces = (one.vector("force") or () for one in understood.observations)
+    return understood.preview.states == ["unloaded"] and request.force is None and not any(map(any, forces))
 
 
-def _with_robot_names(bodies: Sequence[Body], robot: Robot | None) -> list[Body]:
-    """Return bodies with the robot's names of their joints, where a table numbers them: `2`, `J2`, `axis 2`.
+def _name_joints_of_bodies(bodies: Sequence[Body], robot: Robot | None) -> list[Body]:
+    """Return bodies whose joints have the robot's names; tables may number joints: `2`, `J2`, `axis 2`.
 
     Raises:
         ImportFileError: the robot has no such joint.
@@ -146,12 +147,12 @@ def _with_robot_names(bodies: Sequence[Body], robot: Robot | None) -> list[Body]
 def _missing_fields(
     understood: Understood, request: ImportRequest, *, own_weight: bool
 ) -> dict[MissingField, str]:
-    """Return what a measurement set needs beyond files and request, by field and in words.
+    """Return the fields that a measurement set still needs, with a description of each for people.
 
-    One for the robot's own weight needs no load.
+    With `own_weight` the set is for the robot's own weight, and needs no force and no loaded positions.
     """
     first, states = understood.observations[0], understood.preview.states
-    unusual = [] if request.accept_unusual else _unusual(understood, request)
+    unusual = [] if request.accept_unusual else _describe_unusual_values(understood, request)
     right = f"a confirmation (`accept_unusual`) that this is right: {'; '.join(unusual[:MAX_PREVIEW_ROWS])}"
     stated, unit = request.force is not None, None if request.units is None else request.units.force
     joints = "joint angles of each observation: columns `J1 [deg]`, `J2 [deg]`, … (lengths as `J3 [mm]`)"
@@ -180,8 +181,8 @@ def _missing_fields(
     return {field: text for lacks, field, text in wanted if lacks}
 
 
-def _unusual(understood: Understood, request: ImportRequest) -> list[str]:
-    """Return what is to be confirmed: values far from all others, load points that no tool reaches."""
+def _describe_unusual_values(understood: Understood, request: ImportRequest) -> list[str]:
+    """Return descriptions of values to be confirmed: far from all others, or a load point out of reach."""
     stated, unit = _length_units(understood, request)
     read = [point for one in understood.observations if (point := one.vector("load point"))]
     points = [hypot(*_convert_lengths(point, unit, "m", "load_point")) for point in read]
@@ -192,10 +193,16 @@ def _unusual(understood: Understood, request: ImportRequest) -> list[str]:
     return [*far_point, *understood.unusual]
 
 
-def _findings(
+def _inspect_set(
     document: MeasurementSetDocument, robot: Robot, others: Iterable[KnownRobot] | None
 ) -> list[Finding]:
-    """Inspect a set; lengths that the request states have another remedy than those of the files."""
+    """Check a set against its robot and return the findings.
+
+    A suspect unit of lengths that the request states gets a remedy that names their fields.
+
+    Raises:
+        ImportFileError: the readings cannot be those of the robot.
+    """
     from jointstiff.service.conversion.prepared import check_set
     from jointstiff.service.resources.known_robots import catalogue_robots
 
@@ -218,13 +225,16 @@ def _findings(
 
 
 def _length_units(understood: Understood, request: ImportRequest) -> tuple[str, str]:
-    """Return the units of the lengths in the request, the files' own if it says none, and in the files."""
+    """Return two units of length: of the request, which is that of the files by default, and of the files."""
     of_files = understood.units.get("length", "mm")
     return request.length_unit or of_files, of_files
 
 
 def _convert_lengths(value: Any, before: str, after: str, name: str = "") -> Any:  # noqa: ANN401 - any part of it
-    """Return a part of the request with its lengths, in m or mm, in the other unit."""
+    """Convert the lengths in a part of the request from one unit to another, m or mm.
+
+    `name` is the field of the part; numbers of fields that are not in `_LENGTHS` are returned as they are.
+    """
     if isinstance(value, dict):
         return {key: _convert_lengths(part, before, after, key) for key, part in value.items()}
     if isinstance(value, list | tuple):
@@ -237,29 +247,29 @@ def _convert_lengths(value: Any, before: str, after: str, name: str = "") -> Any
 # ---- what is made of the files
 
 
-def _name(request: ImportRequest, first: str) -> str:
-    """Return the name of the set: as stated, else that of the first file as far as it can be one."""
+def _choose_name(request: ImportRequest, first: str) -> str:
+    """Return the name of the set: that of the request, or that of the first file without its ending."""
     stem = "".join(character for character in PurePath(first).stem if character.isprintable())
     return request.name or stem.strip()[:MAX_NAME_LENGTH].strip() or "readings"
 
 
-def _measurement_set(
+def _build_measurement_set(
     understood: Understood, request: ImportRequest, first: str, *, own_weight: bool
 ) -> MeasurementSetDocument:
-    """Return the measurement set, if nothing is missing; one for own weight has no force.
+    """Return the measurement set of the files; with `own_weight` its forces are zero.
 
     Raises:
-        ImportFileError: files and request state the same thing, or a limit of sets is broken.
+        ImportFileError: files and request state the same thing twice, or the set exceeds a limit.
     """
     noise, places = request.noise, understood.places
     stated = noise is not None and (noise.sigma is not None or noise.instrument)
-    gauged = any(name != place for name, place in places.items())
-    if understood.preview.uncertainty and stated and not gauged:
-        reason = "the files give the uncertainty of each reading, and `noise` gives another"
+    has_gauges = any(name != place for name, place in places.items())  # each measures along one axis
+    if understood.preview.uncertainty and stated and not has_gauges:
+        reason = "the files give the uncertainty of each reading, and `noise` states another uncertainty"
         remedy = "omit `noise`, or skip the columns of U(95) with `ignore`"
         raise ImportFileError(NOWHERE, reason, remedy, "noise")
     if request.force is not None and "force" in understood.units:
-        reason = "the files have forces, and `force` gives another"
+        reason = "the files have forces, and `force` states another force"
         raise ImportFileError(NOWHERE, reason, "omit `force`", "force")
     force = (0.0, 0.0, 0.0) if own_weight else request.force
     units = _length_units(understood, request)
@@ -270,7 +280,7 @@ def _measurement_set(
     try:
         return MeasurementSetDocument.model_validate(
             {
-                "name": _name(request, first),
+                "name": _choose_name(request, first),
                 "units": {
                     "force": (request.units and request.units.force) or ("N" if own_weight else None),
                     **understood.units,
@@ -284,7 +294,7 @@ def _measurement_set(
                 },
                 "load_point": lengths.get("load_point"),
                 "measured_at": understood.surroundings.measured_at,
-                "observations": [_observation(one, force) for one in understood.observations],
+                "observations": [_build_observation(one, force) for one in understood.observations],
             }
         )
     except ValidationError as error:
@@ -294,7 +304,9 @@ def _measurement_set(
         raise ImportFileError(NOWHERE, reason, "check the limits of measurement sets") from error
 
 
-def _observation(one: Gathered, force: Vector3 | None) -> Observation:
+def _build_observation(one: Gathered, force: Vector3 | None) -> Observation:
+    """Return an observation from what was gathered of it; `force` is used if it has no force of its own."""
+
     def vector(kind: Kind) -> Vector3 | None:
         return cast("Vector3 | None", one.vector(kind))
 
@@ -304,12 +316,15 @@ def _observation(one: Gathered, force: Vector3 | None) -> Observation:
         force=cast(Vector3, vector("force") or force),
         moment=vector("moment"),
         load_point=vector("load point"),
-        readings=[_reading(one, target) for target in one.points],
+        readings=[_build_reading(one, target) for target in one.points],
     )
 
 
-def _reading(one: Gathered, target: str) -> Reading:
-    """A reading; uncertainties of coordinates are covariances, of points one sigma for both states."""
+def _build_reading(one: Gathered, target: str) -> Reading:
+    """Return the reading of a target in an observation.
+
+    Uncertainties of coordinates become covariances; uncertainties of points become one sigma for both states.
+    """
     gauge = one.values.get(Quantity("along", target, "deflection"))
     if gauge is not None:
         along = along_axis(target)[1]
@@ -329,8 +344,10 @@ def _reading(one: Gathered, target: str) -> Reading:
     return Reading.model_validate({"target": target, **parts})
 
 
-def _geometry(understood: Understood, request: ImportRequest, first: str) -> GeometryRequest | None:
-    """Return the unloaded poses for a geometry; None beyond its limits."""
+def _build_geometry_request(
+    understood: Understood, request: ImportRequest, first: str
+) -> GeometryRequest | None:
+    """Return a request for a geometry of the unloaded poses; None if they exceed the limits of a geometry."""
     units = _length_units(understood, request)
     readings = [states["unloaded"] for one in understood.observations for states in one.points.values()]
     if len(readings) > MAX_GEOMETRY_READINGS or len(understood.preview.targets) > MAX_GEOMETRY_TARGETS:
@@ -347,7 +364,7 @@ def _geometry(understood: Understood, request: ImportRequest, first: str) -> Geo
             poses.append({"joints": list(one.vector("joint") or ()), "targets": targets})
     return GeometryRequest.model_validate(
         {
-            "name": _name(request, first),
+            "name": _choose_name(request, first),
             "units": {"length": units[1], "angle": understood.units.get("angle")},
             "noise": None if sigma is None else {"sigma": sigma},
             "poses": poses,
@@ -355,10 +372,10 @@ def _geometry(understood: Understood, request: ImportRequest, first: str) -> Geo
     )
 
 
-def _template(understood: Understood, request: ImportRequest) -> ImportRequest | None:
-    """Return the options by which files of the same form are read again, and others are refused.
+def _build_template(understood: Understood, request: ImportRequest) -> ImportRequest | None:
+    """Return options that read files of the same form again and refuse other files.
 
-    Files with more columns, or longer headers of several rows, than options can hold have no template.
+    None if the files have more columns, or longer headers, than options can hold.
     """
     files: list[FilePreview] = understood.preview.files
     texts = [file for file in files if file.format == "text"]
@@ -382,7 +399,7 @@ def _template(understood: Understood, request: ImportRequest) -> ImportRequest |
         "name": None,
         "robot_id": None,
         "show_faults": False,
-        "accept_unusual": False,  # what was confirmed are these values, not the next file's
+        "accept_unusual": False,  # the values of another file must be confirmed again
     }
     try:
         return ImportRequest.model_validate(request.model_dump() | changes)

@@ -21,7 +21,7 @@ from jointstiff.solver.mechanics.robot import Robot
 
 @dataclass(frozen=True, eq=False)
 class MeasuredRun:
-    """A run, and the measurement set that it identified."""
+    """A run, and the measurement set from which it was identified."""
 
     run: Run
     prepared: PreparedSet  # all observations of the set, those that the run left out included
@@ -39,51 +39,51 @@ class NamedSet:
 
 
 class Inputs(Protocol):
-    """Source of inputs. Each method names the field of the request that holds the id, for messages."""
+    """Source of inputs. Argument `where` of its methods is the field of the request that holds the id."""
 
     def robot(self, robot_id: str, where: str) -> tuple[Robot, str]:
         """Return a robot, and the hash of its content.
 
         Raises:
-            RequestError: there is none.
+            RequestError: no robot has this id.
         """
         ...
 
     def measured(self, set_id: str, where: str, leave_out: Sequence[str] = ()) -> PreparedSet:
-        """Return a measurement set without the observations of some labels.
+        """Return a measurement set without the observations whose labels are in `leave_out`.
 
         Raises:
-            RequestError: there is none, it has no such observation, or none remains.
+            RequestError: no set has this id, the set has no such observation, or none remains.
         """
         ...
 
     def named_sets(self, set_ids: Sequence[str] | None, where: str) -> list[NamedSet]:
-        """Return measurement sets in the order of their ids, deleted or not.
+        """Return the names of measurement sets in the order of `set_ids`; sets may be deleted.
 
         Args:
-            set_ids: None for the set with loads of each robot that was measured last.
-            where: the field of the request that holds the ids.
+            set_ids: ids of the sets; None for the last set with loads of each robot.
+            where: field of the request that holds the ids.
 
         Raises:
-            RequestError: there is none of an id.
+            RequestError: no set has one of the ids.
         """
         ...
 
     def listed(self, message: type[Job], robot_id: str) -> Iterable[Mapping[str, Any]]:
-        """Return the summaries of the newest jobs of a kind and a robot."""
+        """Return the summaries of the newest jobs of a robot; `message` is the class of their kind."""
         ...
 
     def run(self, run_id: str, where: str) -> MeasuredRun:
         """Return a run with its measurement set.
 
         Raises:
-            RequestError: there is none.
+            RequestError: no run has this id.
         """
         ...
 
 
 class FromFile:
-    """Inputs from documents. What is added gets an id, by which a request names it."""
+    """Inputs from documents in memory. Each input that is added gets an id for requests."""
 
     def __init__(self) -> None:
         """Begin without inputs."""
@@ -116,13 +116,13 @@ class FromFile:
     def robot(self, robot_id: str, where: str) -> tuple[Robot, str]:
         """Return a robot, and the hash of its content."""
         if robot_id not in self._robots:
-            raise _unknown("robot", robot_id, where)
+            raise _unknown_id_error("robot", robot_id, where)
         return self._robots[robot_id].robot, self._robots[robot_id].content_hash
 
     def measured(self, set_id: str, where: str, leave_out: Sequence[str] = ()) -> PreparedSet:
-        """Return a measurement set without the observations of some labels."""
+        """Return a measurement set without the observations whose labels are in `leave_out`."""
         if set_id not in self._sets:
-            raise _unknown("measurement set", set_id, where)
+            raise _unknown_id_error("measurement set", set_id, where)
         document, robot, prepared = self._sets[set_id]
         if not leave_out:
             return prepared
@@ -130,7 +130,7 @@ class FromFile:
         return prepare_set(kept, robot, prepared.robot_id, catalogue_robots())
 
     def named_sets(self, set_ids: Sequence[str] | None, where: str) -> list[NamedSet]:
-        """Return measurement sets; without ids all of them, as each is of a robot of its own."""
+        """Return the names of measurement sets; without ids those of all sets, as each has its own robot."""
         named = []
         for i, set_id in enumerate(self._sets if set_ids is None else set_ids):
             content = self.measured(set_id, f"{where}[{i}]").content
@@ -139,17 +139,18 @@ class FromFile:
         return named
 
     def listed(self, *_: object) -> tuple[dict[str, Any], ...]:
-        """Return no jobs: files hold none of a robot's past."""
+        """Return no summaries: a file holds no earlier jobs of a robot."""
         return ()
 
     def run(self, run_id: str, where: str) -> MeasuredRun:
         """Return a run with its measurement set."""
         if run_id not in self._runs:
-            raise _unknown("run", run_id, where)
+            raise _unknown_id_error("run", run_id, where)
         return self._runs[run_id]
 
 
-def _unknown(what: str, identifier: str, where: str) -> RequestError:
+def _unknown_id_error(what: str, identifier: str, where: str) -> RequestError:
+    """Return the error of a request that names an id which no input has."""
     return RequestError(
         f"the file holds no {what} '{identifier}'",
         where=where,

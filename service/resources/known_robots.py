@@ -11,12 +11,12 @@ from jointstiff.solver.integrity.other_robots import KnownRobot
 
 
 def catalogue_robots(but: Collection[str] = ()) -> Iterator[KnownRobot]:
-    """Yield the arms of the catalogue, except those of some content hashes. Nothing is built before."""
+    """Yield the arms of the catalogue, except those whose content hash is in `but`; built when first used."""
     yield from (known for content, known in nominal_robots() if content not in but)
 
 
 @cache
 def nominal_robots() -> tuple[tuple[str, KnownRobot], ...]:
-    """Build the arms of the catalogue once; return each with its content hash."""
+    """Return all arms of the catalogue with their content hashes; cached, as building them takes time."""
     prepared = [(arm.name, prepare_robot(nominal_robot(arm))) for arm in catalogue().arms]
     return tuple((each.content_hash, KnownRobot(name, each.robot)) for name, each in prepared)

@@ -67,26 +67,26 @@ _SETS: Final = 16
 """Robots and sets that are kept ready for computation."""
 _METADATA: Final = tuple(SetMetadata.model_fields)
 _COLUMNS: Final = ("name", *_METADATA)
-"""Fields of a set that may change: they stand in columns, and not in the document."""
+"""Fields of a set that may change: they are kept in columns, and not in the document."""
 
 
-class Kept(Generic[Record, Entry, Prepared]):
-    """Stored inputs of one kind: what may change of them, and their deletion. What was computed stays."""
+class StoredInputs(Generic[Record, Entry, Prepared]):
+    """Stored inputs of one kind, robots or measurement sets: loaded with a cache, changed and deleted."""
 
     def __init__(
         self, records: Collection[Record, Entry], prepare: Callable[[str], Prepared], most: int
     ) -> None:
-        """Keep records, and what the latest of them, up to a number, were prepared to."""
+        """Serve records; `prepare` loads one by its id, and the last `most` prepared inputs are cached."""
         self.records: Collection[Record, Entry] = records
-        self.ready = lru_cache(most)(prepare)  # by id
+        self.ready = lru_cache(most)(prepare)  # id → prepared input
 
     def change(self, identifier: str, change: ResourceChange) -> Record:
-        """Change what was given of a resource, or delete or restore it.
+        """Change fields of a resource, delete it or restore it; return its record.
 
         Raises:
             NotFoundError: there is no such resource, or it has been removed for good.
-            DeletedError: it was deleted and stays so, or what it refers to is deleted.
-            ReferencedError: it is to be deleted, and others refer to it.
+            DeletedError: the resource, or one that it refers to, is deleted.
+            ReferencedError: the resource cannot be deleted, as others refer to it.
         """
         if change.deleted is False:
             self.records.restore(identifier)
@@ -99,17 +99,17 @@ class Kept(Generic[Record, Entry, Prepared]):
         return record
 
     def delete(self, identifier: str) -> None:
-        """Hide a resource that nothing refers to; to do so again changes nothing.
+        """Delete a resource: hide it, so that it can be restored. A repeated call changes nothing.
 
         Raises:
             NotFoundError: there is no such resource.
-            ReferencedError: others refer to it.
+            ReferencedError: other resources refer to it.
         """
         self.records.delete(identifier)
         self.ready.cache_clear()
 
 
-class Robots(Kept[RobotRecord, RobotEntry, tuple[Robot, str]]):
+class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
     """Create and load the robots of a store."""
 
     def __init__(self, store: Store) -> None:
@@ -117,7 +117,7 @@ class Robots(Kept[RobotRecord, RobotEntry, tuple[Robot, str]]):
         self._store = store
 
     def create(self, request: robots.RobotDocument, key: IdempotencyKey | None) -> RobotRecord:
-        """Check a robot and store it.
+        """Check a robot and store it; return its record. A known idempotency key returns the earlier record.
 
         Raises:
             RobotError: the description cannot be used.
@@ -160,7 +160,7 @@ class Robots(Kept[RobotRecord, RobotEntry, tuple[Robot, str]]):
         return self.ready(robot_id)
 
     def find(self, robot_id: str | None, document: robots.RobotDocument | None) -> Robot:
-        """Return a stored robot, or build one that is described and stays unstored.
+        """Return the robot of a document without storing it; if there is none, the stored robot of an id.
 
         Raises:
             NotFoundError: there is no such robot.
@@ -171,14 +171,20 @@ class Robots(Kept[RobotRecord, RobotEntry, tuple[Robot, str]]):
         return self.load(robot_id or "")[0]
 
     def known(self) -> Iterator[KnownRobot]:
-        """Yield robots that may have been measured: the latest stored ones, then arms of the catalogue."""
+        """Yield robots that may have been measured: the latest stored robots, then the catalogue's arms."""
         page = self._store.robots.page(limit=_ROBOTS)
         for record in page.records:
             yield KnownRobot(record.name, self.load(record.id)[0], record.id)
         yield from catalogue_robots(but={record.content_hash for record in page.records})
 
     def _describe_robot(self, request: robots.RobotDocument) -> tuple[robots.RobotDocument, dict[str, str]]:
-        """Return the robot that a request describes, and what its model is taken from."""
+        """Return the document of a requested robot, and where its model comes from, as a field and its value.
+
+        The origin is `geometry_id` or `nominal_arm`; it is empty for a model within the request.
+
+        Raises:
+            RequestError: there is no such geometry, or no such arm in the catalogue.
+        """
         model = request.model
         if isinstance(model, robots.GeometryModel):
             where = "model.geometry_id"
@@ -195,31 +201,32 @@ class Robots(Kept[RobotRecord, RobotEntry, tuple[Robot, str]]):
         return document, origin
 
     def _load_robot(self, robot_id: str) -> tuple[Robot, str]:
+        """Build a stored robot; return it and the hash of its content."""
         record = self._store.robots.get(robot_id)
         return build_robot(described(record)), record.content_hash
 
 
 def described(record: RobotRecord) -> robots.Robot:
-    """Return the message of a stored robot."""
+    """Return a stored robot as the API's message, with its present name."""
     stored = robots.Robot.model_validate_json(record.document)
     return stored.model_copy(update={"name": record.name})
 
 
 def stored_job(store: Store, message: type[AnyJob], job_id: str) -> AnyJob:
-    """Return a job, for those who build on it.
+    """Return a stored job as a message of the given class.
 
     Raises:
-        NotFoundError: there is none, or it was deleted.
+        NotFoundError: there is no such job, or it was deleted.
     """
     record = store.jobs(Resource(message.kind_name(), message.collection)).get(job_id)
     return message.model_validate_json(record.document)
 
 
 def succeeded_geometry(store: Store, geometry_id: str, where: str) -> tuple[Geometry, GeometryResult]:
-    """Return a geometry and its result.
+    """Return a stored geometry and its result; `where` is the field of the request that names it.
 
     Raises:
-        RequestError: there is none, it was deleted, or it has no result.
+        RequestError: there is no such geometry, it was deleted, or it has no result.
     """
     try:
         geometry = stored_job(store, Geometry, geometry_id)
@@ -234,7 +241,7 @@ def succeeded_geometry(store: Store, geometry_id: str, where: str) -> tuple[Geom
     return geometry, geometry.result
 
 
-class MeasurementSets(Kept[MeasurementSetRecord, MeasurementSetEntry, PreparedSet]):
+class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, PreparedSet]):
     """The measurement sets of a store."""
 
     def __init__(self, store: Store, robots: Robots) -> None:
@@ -248,16 +255,16 @@ class MeasurementSets(Kept[MeasurementSetRecord, MeasurementSetEntry, PreparedSe
         key: IdempotencyKey | None,
         identifier: str | None = None,
     ) -> MeasurementSetRecord:
-        """Check a set, look for the usual mistakes, and store it with what was found.
+        """Check a measurement set, inspect it for mistakes, and store it with findings; return its record.
 
         Args:
             request: robot and readings.
-            key: that came with it.
-            identifier: id of the set; a new one if absent.
+            key: idempotency key; a known key returns the earlier record.
+            identifier: id of the set; None for a new id.
 
         Raises:
             MeasurementError: the set cannot be used; with the place and the remedy.
-            RequestError: its frame names a geometry that is not there.
+            RequestError: the frame of the set names an unknown geometry.
             IdempotencyConflictError: the key came before with another body.
         """
         if key is not None and (before := self._store.sets.find(key)) is not None:
@@ -294,7 +301,7 @@ class MeasurementSets(Kept[MeasurementSetRecord, MeasurementSetEntry, PreparedSe
         )
 
     def document(self, set_id: str) -> MeasurementSet:
-        """The set as it was posted, with what was noticed.
+        """Return a measurement set as it was posted, with its warnings.
 
         Raises:
             NotFoundError: there is no such set.
@@ -305,12 +312,12 @@ class MeasurementSets(Kept[MeasurementSetRecord, MeasurementSetEntry, PreparedSe
         """Return a set ready for computation.
 
         Args:
-            set_id: its id.
-            leave_out: labels of observations that are left out; the others are inspected without them.
+            set_id: id of the set.
+            leave_out: labels of observations to leave out; the rest is inspected anew.
 
         Raises:
             NotFoundError: there is no such set.
-            RequestError: it has no observation of such a label, or none remains.
+            RequestError: the set has no observation of such a label, or none remains.
         """
         if not leave_out:
             return self.ready(set_id)
@@ -329,6 +336,7 @@ class MeasurementSets(Kept[MeasurementSetRecord, MeasurementSetEntry, PreparedSe
         )
 
     def _prepare(self, set_id: str) -> PreparedSet:
+        """Load a stored set for computation; it was checked when it was stored."""
         record = self._store.sets.get(set_id)
         stored = messages.StoredMeasurementSet.model_validate_json(record.document)
         readings = ReadingArrays.unpack(record.arrays)
@@ -348,27 +356,27 @@ class Resources:
     """The robots and measurement sets of a store, and its runs: the inputs that requests name by id."""
 
     def __init__(self, store: Store) -> None:
-        self.store = store  # the store
-        self.robots = Robots(store)  # its robots
-        self.sets = MeasurementSets(store, self.robots)  # its measurement sets
+        self.store = store
+        self.robots = Robots(store)
+        self.sets = MeasurementSets(store, self.robots)
 
     def robot(self, robot_id: str, where: str) -> tuple[Robot, str]:
-        """Return a stored robot, and the hash of its content."""
-        with _named_by(where):
+        """Return a stored robot, and the hash of its content; `where` is the field that names it."""
+        with _refuse_at_field(where):
             return self.robots.load(robot_id)
 
     def measured(self, set_id: str, where: str, leave_out: Sequence[str] = ()) -> PreparedSet:
-        """Return a stored measurement set without the observations of some labels."""
-        with _named_by(where):
+        """Return a stored measurement set without the observations whose labels are in `leave_out`."""
+        with _refuse_at_field(where):
             return self.sets.prepared(set_id, leave_out)
 
     def named_sets(self, set_ids: Sequence[str] | None, where: str) -> list[NamedSet]:
-        """Return stored measurement sets by id, deleted or not; without ids the last of each robot."""
+        """Return the names of stored sets, deleted or not; without ids of the last set of each robot."""
         chosen = self._last_with_loads() if set_ids is None else set_ids
         found = {row.id: row for row in self.store.sets.named(chosen)}
         for i, set_id in enumerate(chosen):
             if set_id not in found:
-                with _named_by(f"{where}[{i}]"):
+                with _refuse_at_field(f"{where}[{i}]"):
                     raise NotFoundError(MEASUREMENT_SET, set_id)
         return [
             NamedSet(
@@ -382,8 +390,9 @@ class Resources:
         ]
 
     def _last_with_loads(self) -> list[str]:
-        """Return the id of the set with loads that was measured last, of each robot that has one."""
-        waiting, found = self.store.sets.last_of_robots(), dict[str, str]()
+        """Return the id of the last measured set with loads for each robot that has such a set."""
+        # Round by round the newest set that was not looked at yet of each robot without a find.
+        waiting, found = self.store.sets.list_by_robot(), dict[str, str]()
         order = list(waiting)
         while waiting:
             newest = {sets[0]: robot_id for robot_id, sets in waiting.items()}
@@ -395,7 +404,7 @@ class Resources:
         return [found[robot_id] for robot_id in order if robot_id in found]
 
     def listed(self, message: type[Job], robot_id: str) -> Iterator[Mapping[str, Any]]:
-        """Yield the summaries of the newest jobs of a kind and a robot, 1,000 at most."""
+        """Yield summaries of a robot's newest jobs, 1,000 at most; `message` is the class of their kind."""
         jobs, cursor = self.store.jobs(Resource(message.kind_name(), message.collection)), None
         for _ in range(10):
             page = jobs.page(limit=100, cursor=cursor, filters={"robot_id": robot_id})
@@ -404,15 +413,15 @@ class Resources:
                 return
 
     def run(self, run_id: str, where: str) -> MeasuredRun:
-        """Return a stored run with its measurement set."""
-        with _named_by(where):
+        """Return a stored run with its measurement set; `where` is the field of the request that names it."""
+        with _refuse_at_field(where):
             run = stored_job(self.store, Run, run_id)
             return MeasuredRun(run, self.sets.prepared(run.request.measurement_set_id))
 
 
 @contextmanager
-def _named_by(field: str) -> Iterator[None]:
-    """Refuse a request whose field names what is not there."""
+def _refuse_at_field(field: str) -> Iterator[None]:
+    """Turn a `NotFoundError` of the block into a `RequestError` at a field of the request."""
     try:
         yield
     except NotFoundError as error:
@@ -420,7 +429,7 @@ def _named_by(field: str) -> Iterator[None]:
 
 
 def assembled(record: MeasurementSetRecord) -> MeasurementSet:
-    """The message of a stored set."""
+    """Return a stored measurement set as the API's message, with its observations."""
     stored = messages.StoredMeasurementSet.model_validate_json(record.document)
     observations = ReadingArrays.unpack(record.arrays).observations()
     parts = {name: getattr(stored, name) for name in messages.StoredMeasurementSet.model_fields}
@@ -430,14 +439,14 @@ def assembled(record: MeasurementSetRecord) -> MeasurementSet:
 
 
 def resolve_frame(store: Store, request: MeasurementSetRequest) -> tuple[ResolvedFrame | None, list[Finding]]:
-    """The transform from tracker to R0 that a set's frame means, and what was noticed.
+    """Return the transform from the frame of a set's readings to R0, and warnings about drift.
 
     Returns:
-        None if the set is in R0; and warnings about a drift that is removed.
+        The transform, None if the set is in R0; warnings about a drift that the transform corrects.
 
     Raises:
-        MeasurementError: the rotation is none, or base targets cannot be compared.
-        RequestError: there is no such geometry, or it has none to compare with.
+        MeasurementError: the stated rotation is not a rotation, or base targets cannot be compared.
+        RequestError: there is no such geometry, or it has no result.
     """
     frame = request.frame
     if frame is None:
@@ -446,35 +455,45 @@ def resolve_frame(store: Store, request: MeasurementSetRequest) -> tuple[Resolve
     if frame.geometry_id is None:
         return to_resolved(stated_transform(frame, length)), []
     geometry, result = succeeded_geometry(store, frame.geometry_id, "frame.geometry_id")
-    transform = _rigid_motion(result.transform_tracker_to_base)
+    transform = _to_rigid_motion(result.transform_tracker_to_base)
     warnings: list[Finding] = []
     if frame.base_targets is not None:
-        drift, warnings = _drift(geometry.request, result, request, frame.base_targets)
-        transform = transform * _rigid_motion(drift.transform_after_to_before)
-    return to_resolved(transform, _flange_targets(store, frame, request.robot_id, geometry, result)), warnings
+        drift, warnings = _estimate_drift(geometry.request, result, request, frame.base_targets)
+        transform = transform * _to_rigid_motion(drift.transform_after_to_before)
+    return to_resolved(
+        transform, _targets_in_flange(store, frame, request.robot_id, geometry, result)
+    ), warnings
 
 
-def _rigid_motion(stated: Rigid) -> pin.SE3:
+def _to_rigid_motion(stated: Rigid) -> pin.SE3:
+    """Convert a rotation (3, 3) and a translation (3,) [m] of a message."""
     return pin.SE3(np.array(stated.rotation), np.array(stated.translation))
 
 
-def _drift(
+def _estimate_drift(
     geometry: GeometryRequest,
     result: GeometryResult,
     request: MeasurementSetRequest,
     after: Mapping[str, Vector3],
 ) -> tuple[Drift, list[Finding]]:
-    """Return what moved between the geometry and the set."""
+    """Return the drift of the tracker between a geometry and a set, and findings about it.
+
+    `after` are the base targets as read with the set, in its unit of length.
+
+    Raises:
+        MeasurementError: the geometry has no base targets.
+    """
     factor = LENGTH[request.units.length] / LENGTH[geometry.units.length]
     later = {name: (factor * x, factor * y, factor * z) for name, (x, y, z) in after.items()}
     read = to_base_targets(geometry, result.sigma, later)
     if read is None:
         raise MeasurementError(
-            "the geometry has no base targets to compare with",
+            "the geometry has no base targets for the comparison",
             where="frame.base_targets",
-            remedy="omit them, or give `base_targets_before` with the geometry",
+            remedy="omit `base_targets`, or give `base_targets_before` with the geometry",
         )
     places = [r.unloaded for o in request.observations for r in o.readings if r.unloaded is not None]
+    # The drift is stated at the middle of the readings, where it matters.
     middle = LENGTH[request.units.length] * np.mean(places, axis=0) if places else read.after.mean(axis=0)
     drift = read.drift(result.sigma, middle)
     warnings = [
@@ -492,10 +511,13 @@ def _drift(
     return drift, warnings
 
 
-def _flange_targets(
+def _targets_in_flange(
     store: Store, frame: Frame, robot_id: str, geometry: Geometry, result: GeometryResult
 ) -> dict[str, Vector3]:
-    """The geometry's targets [m], if they are in the flange frame of the set's robot; else none."""
+    """Return name → position [m] of a geometry's targets in the flange frame of the set's robot.
+
+    Empty if the geometry was not identified for that robot's flange.
+    """
     robot = described(store.robots.get(robot_id))
     of_nominal = result.flange == "nominal" and geometry.request.robot_id == robot_id
     if robot.geometry_id != frame.geometry_id and not of_nominal:

@@ -81,25 +81,26 @@ _Column = tuple[str, int, float]
 
 
 def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> DeflectionResult:
-    """Predict deflections.
+    """Predict the deflection of the load cases of a request, with the model of a run.
 
     Raises:
         RequestError: the run has no model of joints, or the request does not fit the robot.
     """
     length = LENGTH[request.units.length]
     used = RunModel.of(robot, run, absolute=request.absolute, masses=request.masses, length=length)
-    cases, confidence = load_cases(request, robot), request.confidence
-    bent = used.model.deflect(cases)
-    bound = None if used.error is None else used.error.bound(cases, bent.leverage, confidence)
-    wanted = [case.direction or force for case, force in zip(request.cases, cases.force, strict=True)]
-    directions: FloatArray = np.array(wanted, dtype=np.float64)
+    cases, confidence = convert_load_cases(request, robot), request.confidence
+    deflections = used.model.deflect(cases)
+    bound = None if used.error is None else used.error.bound(cases, deflections.leverage, confidence)
+    # Stiffness is reported along the stated direction, or along the force; without either it is NaN.
+    vectors = [case.direction or force for case, force in zip(request.cases, cases.force, strict=True)]
+    directions: FloatArray = np.array(vectors, dtype=np.float64)
     size = np.linalg.norm(directions, axis=1, keepdims=True)
     directions = np.where(size > 0.0, directions / np.where(size > 0.0, size, 1.0), np.nan)
     labels = [case.label or str(i) for i, case in enumerate(request.cases, 1)]
-    answers = case_results(bent, bound, directions, confidence, labels, used.result.budget)
+    answers = case_results(deflections, bound, directions, confidence, labels, used.result.budget)
     return DeflectionResult(
         joint_kinds=kinds_of(robot),
-        assessment=judged("prediction", _reasons(answers, cases, used.result), used.result.assessment),
+        assessment=judged("prediction", _find_reasons(answers, cases, used.result), used.result.assessment),
         confidence=confidence,
         model_error_postures=used.postures,
         remarks=used.remarks(confidence),
@@ -107,8 +108,8 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
     )
 
 
-def _reasons(answers: Sequence[CaseResult], cases: LoadCases, run: RunResult) -> list[Finding]:
-    """Return what speaks against a prediction, in addition to its run."""
+def _find_reasons(answers: Sequence[CaseResult], cases: LoadCases, run: RunResult) -> list[Finding]:
+    """Return the reasons against a prediction itself; the assessment of its run has further ones."""
     lengths = [hypot(*each.displacement) for each in answers if each.displacement is not None]
     bounds = [each.with_model_error for each in answers if each.with_model_error is not None]
     beyond = sum(max(bound.load_ratio, bound.leverage_ratio) > EXTRAPOLATED for bound in bounds)
@@ -121,8 +122,8 @@ def _reasons(answers: Sequence[CaseResult], cases: LoadCases, run: RunResult) ->
     ]
 
 
-def load_cases(request: DeflectionOptions, robot: Robot) -> LoadCases:
-    """Return load cases in SI units.
+def convert_load_cases(request: DeflectionOptions, robot: Robot) -> LoadCases:
+    """Convert the load cases of a request to SI units.
 
     Raises:
         RequestError: too many cases for the joints, angles for another number of joints, no load point, a
@@ -134,7 +135,7 @@ def load_cases(request: DeflectionOptions, robot: Robot) -> LoadCases:
             f"{len(request.cases)} cases for {robot.n} joints: cases times joints squared exceed "
             f"{MAX_CASE_WORK:,}",
             where="cases",
-            remedy=f"ask for at most {most} at a time",
+            remedy=f"send at most {most} cases in a request",
         )
     units, length = request.units, LENGTH[request.units.length]
     refuse_far_point(request.load_point, "load_point", length=length)
@@ -166,23 +167,22 @@ def load_cases(request: DeflectionOptions, robot: Robot) -> LoadCases:
 
 
 def read_load_cases(text: str, joints: Mapping[str, JointKind], **options: Any) -> DeflectionOptions:  # noqa: ANN401
-    """Understand a table of load cases.
+    """Parse a table of load cases; return the cases and the other fields of a request, validated.
 
     Columns: `label`; a position for each joint, as `J1 [deg]` or by the joint's name (of a prismatic joint
-    `J3 [mm]`); `Fx [N]`, `Fy [N]`,
-    `Fz [N]`; and, where they are wanted, `Mx [N.m]` …, `load point x [mm]` …, `place x [mm]` … (both in the
-    flange frame) and `direction x` …. Cells are parted by commas, semicolons or tabs; between semicolons and
-    tabs a decimal comma may stand.
+    `J3 [mm]`); `Fx [N]`, `Fy [N]`, `Fz [N]`; optionally `Mx [N.m]` …, `load point x [mm]` …, `place x [mm]` …
+    (both in the flange frame) and `direction x` …. Cells are separated by commas, semicolons or tabs; with
+    semicolons or tabs a number may have a decimal comma.
 
     Args:
-        text: of the table.
+        text: the table.
         joints: kinds of the robot's n joints by name, in their order.
-        options: other fields of the message, in their `units`; SI where these name none.
+        options: other fields of the request, in the units that its field `units` states; by default SI.
 
     Raises:
         RequestError: a header or a cell that cannot be understood, by its line and column, or an option.
     """
-    rows, comma = rows_of(text)
+    rows, has_comma_separators = rows_of(text)
     if not rows or not any(any(row) for row in rows[1:]):
         raise RequestError(
             "the table has no load cases", where="line 1", remedy="give a header and one row per case"
@@ -192,20 +192,25 @@ def read_load_cases(text: str, joints: Mapping[str, JointKind], **options: Any) 
         stated = stated.model_dump()
     if isinstance(stated, Mapping):
         stated = _SI | {name: unit for name, unit in stated.items() if unit is not None}
-    units = _validated(Units, stated, "units")
-    columns = [_column(header, joints, units) for header in rows[0]]
-    _refuse_missing(columns, len(joints))
+    units = _validate_message(Units, stated, "units")
+    columns = [_parse_header(header, joints, units) for header in rows[0]]
+    _refuse_missing_columns(columns, len(joints))
     cases = [
-        _read_case(row, columns, i, decimal_comma=not comma) for i, row in enumerate(rows[1:], 2) if any(row)
+        _read_case(row, columns, i, decimal_comma=not has_comma_separators)
+        for i, row in enumerate(rows[1:], 2)
+        if any(row)
     ]
     if len(cases) > MAX_CASES:
         raise RequestError(
-            f"{len(cases):,} cases", where="cases", remedy=f"split them: at most {MAX_CASES:,}"
+            f"the table has {len(cases):,} load cases",
+            where="cases",
+            remedy=f"split it into tables of at most {MAX_CASES:,} cases",
         )
-    return _validated(DeflectionOptions, {**options, "units": units, "cases": cases})
+    return _validate_message(DeflectionOptions, {**options, "units": units, "cases": cases})
 
 
-def _validated(message: type[AnyMessage], fields: object, *where: str) -> AnyMessage:
+def _validate_message(message: type[AnyMessage], fields: object, *where: str) -> AnyMessage:
+    """Return a message made of fields; raise a RequestError with the first fault, at its place in `where`."""
     try:
         return message.model_validate(fields)
     except ValidationError as error:
@@ -214,7 +219,8 @@ def _validated(message: type[AnyMessage], fields: object, *where: str) -> AnyMes
         raise RequestError(str(fault["msg"]), where=place, remedy="correct it") from None
 
 
-def _column(header: str, joints: Mapping[str, JointKind], units: Units) -> _Column:
+def _parse_header(header: str, joints: Mapping[str, JointKind], units: Units) -> _Column:
+    """Return field, component and factor to the request's units, as a header such as `J1 [deg]` says."""
     name, joint_names = header.partition("[")[0].strip(), list(joints)
     if name.lower() == "label":
         return "label", 0, 1.0
@@ -222,8 +228,8 @@ def _column(header: str, joints: Mapping[str, JointKind], units: Units) -> _Colu
     if name in joint_names or (number and 1 <= int(number[1]) <= len(joints)):
         place = joint_names.index(name) if name in joint_names else int(number[1]) - 1 if number else 0
         if joints[joint_names[place]] == "prismatic":
-            return "joints", place, header_factor(header, LENGTH) / LENGTH[units.length]
-        return "joints", place, header_factor(header, ANGLE) / ANGLE[units.angle]
+            return "joints", place, unit_factor(header, LENGTH) / LENGTH[units.length]
+        return "joints", place, unit_factor(header, ANGLE) / ANGLE[units.angle]
     column = vector_column(header, _VECTORS)
     if column is None:
         raise RequestError(
@@ -232,30 +238,34 @@ def _column(header: str, joints: Mapping[str, JointKind], units: Units) -> _Colu
             remedy="use label, J1 [deg], Fx [N], Mx [N.m], load point x [mm], place x [mm], direction x, …",
         )
     field, place, factor = column
-    _, sizes, quantity = _VECTORS[field]
-    return field, place, factor / sizes[getattr(units, quantity, "")]
+    _, factors, quantity = _VECTORS[field]
+    return field, place, factor / factors[getattr(units, quantity, "")]
 
 
 def vector_column(header: str, fields: Sequence[str] | Mapping[str, Any]) -> _Column | None:
     """Return field, component and factor to SI units of a header such as `Fx [N]`; None for another name.
 
     Raises:
-        RequestError: its unit is none of the field's.
+        RequestError: the header has no unit, or one that the field does not have.
     """
     name = header.partition("[")[0].strip().lower()
     for field in fields:
-        prefix, sizes, _ = _VECTORS[field]
+        prefix, factors, _ = _VECTORS[field]
         for k, axis in enumerate("xyz"):
             if name == f"{prefix}{axis}".lower():
-                return field, k, header_factor(header, sizes)
+                return field, k, unit_factor(header, factors)
     return None
 
 
-def header_factor(header: str, units: Mapping[str, float]) -> float:
-    """Return the factor of the unit in a header.
+def unit_factor(header: str, units: Mapping[str, float]) -> float:
+    """Return the factor to SI units of the unit in a header such as `Fx [N]`.
+
+    Args:
+        header: name and unit.
+        units: factor of each unit that the header may have.
 
     Raises:
-        RequestError: it is none of these.
+        RequestError: the header has no unit, or none of these units.
     """
     unit = header.partition("[")[2].strip().removesuffix("]").strip()
     if unit not in units:
@@ -267,22 +277,25 @@ def header_factor(header: str, units: Mapping[str, float]) -> float:
     return units[unit]
 
 
-def _refuse_missing(columns: Sequence[_Column], joints: int) -> None:
-    places = [(field, k) for field, k, _ in columns]
-    vectors = [field for field in _VECTORS if field == "force" or any(field == each for each, _ in places)]
+def _refuse_missing_columns(columns: Sequence[_Column], joints: int) -> None:
+    """Refuse a table that lacks a joint's column or a component of a vector, or has one twice."""
+    present = [(field, k) for field, k, _ in columns]
+    # The force is needed; other vectors may be left out, but only as a whole.
+    vectors = [field for field in _VECTORS if field == "force" or any(field == each for each, _ in present)]
     needed = [*(("joints", k) for k in range(joints)), *((field, k) for field in vectors for k in range(3))]
-    twice = [place for place in places if places.count(place) > 1]
-    for field, k in [*twice, *(place for place in needed if place not in places)][:1]:
+    repeated = [column for column in present if present.count(column) > 1]
+    for field, k in [*repeated, *(column for column in needed if column not in present)][:1]:
         name = f"{_VECTORS[field][0]}{'xyz'[k]}" if field in _VECTORS else field
         raise RequestError(
             f"the column {f'J{k + 1}' if field == 'joints' else name} "
-            f"{'occurs twice' if twice else 'is missing'}",
+            f"{'occurs twice' if repeated else 'is missing'}",
             where="line 1",
             remedy="give one column for each joint and three for each vector",
         )
 
 
 def _read_case(row: list[str], columns: list[_Column], line: int, *, decimal_comma: bool) -> dict[str, Any]:
+    """Return the fields of a load case from the cells of a row: vectors as lists, in the request's units."""
     if len(row) != len(columns):
         raise RequestError(
             f"{len(row)} cells under {len(columns)} headers",
@@ -344,12 +357,12 @@ def _component_with_interval(case: CaseResult, axis: int) -> str:
 
 
 def prediction_sheet(result: DeflectionResult) -> Sheet:
-    """Return predictions as a table, one row a case."""
+    """Return predictions as a sheet: a row for each load case, and a column with the overall verdict."""
     return with_overall_verdict(Sheet.of_fields(result.cases, _CSV, _MILLI), result.assessment)
 
 
 def prediction_charts(result: DeflectionResult) -> list[Chart]:
-    """Return the displacement of each case, with its interval from the readings."""
+    """Return a chart of the displacement of each load case along x, y and z, with its interval."""
     series = {
         axis: [case.displacement and case.displacement[i] for case in result.cases]
         for i, axis in enumerate("xyz")
@@ -363,5 +376,5 @@ def prediction_charts(result: DeflectionResult) -> list[Chart]:
 
 
 def prediction_csv(result: DeflectionResult) -> str:
-    """Return predictions as a table for spreadsheets; what has no number is an empty cell."""
+    """Return predictions as CSV; a missing number is an empty cell."""
     return csv_text(prediction_sheet(result))

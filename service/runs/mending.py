@@ -19,26 +19,27 @@ from jointstiff.service.conversion.units import LENGTH
 from jointstiff.solver.errors import RequestError
 
 _Set = MeasurementSetDocument
-_OPTIONS: Final[Mapping[str, Mapping[str, str]]] = {
+_OPTION_CHANGES: Final[Mapping[str, Mapping[str, str]]] = {
     "use_huber": {"loss": "huber"},
     "include_complementary_stiffness": {"complementary_stiffness": "included"},
     "choose_model": {"elasticity": "automatic", "loss": "automatic"},
 }
-"""Options of the run that an action changes."""
+"""Options of the run that an action changes, by the action's kind."""
 
 
-_PLACE, _SIGMA = 0.2, 2e-5
+_USUAL_DISTANCE, _USUAL_SIGMA = 0.2, 2e-5
 """Usual distance of a load point or target from the flange, and uncertainty of a tracker's reading [m]."""
 _LONGEST_NAME: Final = 200
 
 
 def advised(assessment: Assessment, kind: str) -> Action:
-    """Return the first action of a kind that the reasons of an assessment advise.
+    """Return the first action of a given kind that an assessment's reasons advise.
 
     Raises:
-        RequestError: there is none.
+        RequestError: no reason advises an action of this kind that changes a campaign.
     """
     actions = [reason.action for reason in assessment.reasons if reason.action is not None]
+    # `show_posture` only shows something: it cannot be applied to a campaign.
     kinds = list(dict.fromkeys(action.kind for action in actions if action.kind != "show_posture"))
     advised_action = next((action for action in actions if action.kind == kind and kind in kinds), None)
     if advised_action is None:
@@ -48,68 +49,79 @@ def advised(assessment: Assessment, kind: str) -> Action:
 
 
 def mended(campaign: Campaign, action: Action) -> Campaign:
-    """Return a campaign after an action, its changed parts under names that say so.
+    """Apply an action to a campaign; return the changed campaign, with the change added to its names.
 
-    A robot that is chosen by its id is the store's to fetch, and the campaign keeps its own.
+    For `choose_robot` with a robot's id the campaign keeps its own robot: the caller takes the other one from
+    the store.
 
     Raises:
-        RequestError: the action changes nothing, or the set does not state what it changes.
+        RequestError: actions of this kind change no campaign, or the set lacks what the action changes.
     """
     measured = campaign.measurement_set
-    if action.kind in _OPTIONS:
-        return campaign.model_copy(update={"run": campaign.run.model_copy(update=_OPTIONS[action.kind])})
+    if action.kind in _OPTION_CHANGES:
+        return campaign.model_copy(
+            update={"run": campaign.run.model_copy(update=_OPTION_CHANGES[action.kind])}
+        )
     if action.kind == "fit_causes":
         causes = [*campaign.run.causes, *action.causes]
         return campaign.model_copy(update={"run": campaign.run.model_copy(update={"causes": causes})})
     if action.kind == "apply_joint_map":
         joint_map = JointMap(matrix=action.joint_map, offset=action.offset)
-        changes = {"joint_map": joint_map, "name": _rename_target(campaign.robot.name, "joint map corrected")}
+        changes = {"joint_map": joint_map, "name": _append_label(campaign.robot.name, "joint map corrected")}
         return campaign.model_copy(update={"robot": campaign.robot.model_copy(update=changes)})
     if action.kind == "choose_robot":
         name = action.robot or ""
         robot = campaign.robot if action.robot_id is not None else nominal_robot(find_arm(name, "apply"))
-        measured = measured.model_copy(update={"name": _rename_target(measured.name, name)})
+        measured = measured.model_copy(update={"name": _append_label(measured.name, name)})
         return campaign.model_copy(update={"robot": robot, "measurement_set": measured})
     if action.kind == "exchange_columns":
         names = prepare_robot(campaign.robot).robot.joint_names
         measured = _with_columns_exchanged(measured, [names.index(name) for name in action.joints])
-    elif action.kind in _SETS:
-        measured = _SETS[action.kind](measured, action)
+    elif action.kind in _SET_CHANGES:
+        measured = _SET_CHANGES[action.kind](measured, action)
     else:
         raise RequestError(
-            f"'{action.kind}' changes nothing", where="apply", remedy="follow the remedy of the reason"
+            f"the action '{action.kind}' cannot be applied to a campaign",
+            where="apply",
+            remedy="follow the remedy of the reason",
         )
     label = f"in {action.unit}" if action.unit else action.kind.replace("_", " ")
-    measured = measured.model_copy(update={"name": _rename_target(measured.name, label)})
+    measured = measured.model_copy(update={"name": _append_label(measured.name, label)})
     return campaign.model_copy(update={"measurement_set": measured})
 
 
-def _rename_target(name: str, label: str) -> str:
+def _append_label(name: str, label: str) -> str:
+    """Return `NAME (LABEL)`, with the name cut so that the whole is not too long."""
     return f"{name[: _LONGEST_NAME - len(label) - 3]} ({label})"
 
 
-def _change_each(measured: _Set, change: Callable[[Observation], Mapping[str, object]]) -> list[Observation]:
+def _change_observations(
+    measured: _Set, change: Callable[[Observation], Mapping[str, object]]
+) -> list[Observation]:
+    """Return the observations of a set, each with the fields that `change` returns for it."""
     return [each.model_copy(update=dict(change(each))) for each in measured.observations]
 
 
 def _with_refuted_noise(measured: _Set, _action: Action) -> _Set:
-    """Keep the tracker's noise on record, of the set or of its readings, as refuted."""
+    """Return the set with its noise marked as refuted: kept on record, but sigma is estimated."""
     noise = measured.noise or Noise(refuted=True)
     return measured.model_copy(update={"noise": noise.model_copy(update={"refuted": True})})
 
 
-def _with_columns_exchanged(measured: _Set, places: Sequence[int]) -> _Set:
-    first, second = places
+def _with_columns_exchanged(measured: _Set, columns: Sequence[int]) -> _Set:
+    """Return the set with the positions of two joints, given by their indices, exchanged."""
+    first, second = columns
 
-    def exchanged(each: Observation) -> dict[str, object]:
+    def exchange_positions(each: Observation) -> dict[str, object]:
         joints = list(each.joints)
         joints[first], joints[second] = joints[second], joints[first]
         return {"joints": joints}
 
-    return measured.model_copy(update={"observations": _change_each(measured, exchanged)})
+    return measured.model_copy(update={"observations": _change_observations(measured, exchange_positions)})
 
 
 def _with_target_exchanged(measured: _Set, action: Action) -> _Set:
+    """Return the set with its load point and the place of the action's target exchanged."""
     target, places = action.target or "", measured.flange_targets
     if target not in places:
         raise RequestError(
@@ -117,11 +129,11 @@ def _with_target_exchanged(measured: _Set, action: Action) -> _Set:
             where="measurement_set.flange_targets",
             remedy="check the load point, and correct it in the set",
         )
-    own = measured.load_point or (0.0, 0.0, 0.0)
-    load, *others = dict.fromkeys(each.load_point or own for each in measured.observations)
+    point_of_set = measured.load_point or (0.0, 0.0, 0.0)
+    load, *others = dict.fromkeys(each.load_point or point_of_set for each in measured.observations)
     if others:
         raise RequestError(
-            f"the load has {1 + len(others)} places, and only one can be that of a target",
+            f"the set has {1 + len(others)} different load points; only one can be exchanged with a target",
             where="measurement_set.observations",
             remedy="check the load points, and correct them in the set",
         )
@@ -129,41 +141,44 @@ def _with_target_exchanged(measured: _Set, action: Action) -> _Set:
         update={
             "load_point": places[target],
             "flange_targets": {**places, target: load},
-            "observations": _change_each(measured, lambda _: {"load_point": None}),
+            "observations": _change_observations(measured, lambda _: {"load_point": None}),
         }
     )
 
 
 def _with_readings_exchanged(measured: _Set, _action: Action) -> _Set:
-    def exchanged(each: Observation) -> dict[str, object]:
+    """Return the set with unloaded and loaded readings exchanged; deflections change their sign."""
+
+    def exchange_states(each: Observation) -> dict[str, object]:
         return {
             "readings": [
-                one.model_copy(
+                reading.model_copy(
                     update={
-                        "unloaded": one.loaded,
-                        "loaded": one.unloaded,
-                        "unloaded_covariance": one.loaded_covariance,
-                        "loaded_covariance": one.unloaded_covariance,
-                        "deflection": one.deflection and tuple(-part for part in one.deflection),
-                        "displacement": None if one.displacement is None else -one.displacement,
+                        "unloaded": reading.loaded,
+                        "loaded": reading.unloaded,
+                        "unloaded_covariance": reading.loaded_covariance,
+                        "loaded_covariance": reading.unloaded_covariance,
+                        "deflection": reading.deflection and tuple(-part for part in reading.deflection),
+                        "displacement": None if reading.displacement is None else -reading.displacement,
                     }
                 )
-                for one in each.readings
+                for reading in each.readings
             ]
         }
 
-    return measured.model_copy(update={"observations": _change_each(measured, exchanged)})
+    return measured.model_copy(update={"observations": _change_observations(measured, exchange_states)})
 
 
 def _with_units(measured: _Set, action: Action) -> _Set:
-    """Declare another unit for the numbers as they are.
+    """Return the set with another unit declared: the numbers stay, so their sizes change.
 
-    Load points, places of targets and the noise are often stated by hand, in the unit that the set declares:
-    they keep their size where that is nearer to the usual one.
+    Load points, places of targets and the noise are often stated by hand, and right in the old unit: they are
+    converted to the new unit where the old size is nearer to a usual one.
     """
     units, unit = measured.units, action.unit
     if unit in {"deg", "rad"}:
         return measured.model_copy(update={"units": units.model_copy(update={"angle": unit})})
+    # Without a stated unit, moments are in the unit of force times m: this must not change with the length.
     force = "kgf" if units.force == "kg" else units.force
     moment = units.moment or (f"{force}.m" if units.length == "m" else None)
     if unit in {"N", "kN"}:
@@ -175,45 +190,47 @@ def _with_units(measured: _Set, action: Action) -> _Set:
 
 
 def _with_lengths(measured: _Set, old: float, new: float) -> _Set:
-    def factor(size: float, usual: float) -> float:
-        """Return what a number is multiplied by to keep its size; 1 if it is in the new unit, too."""
-        kept = size == 0.0 or abs(log(old * size / usual)) <= abs(log(new * size / usual))
-        return old / new if kept else 1.0
+    """Convert lengths that are more usual in the old unit than in the new one; `old` and `new` in metres."""
 
-    def placed(place: Vector3 | None) -> Vector3 | None:
+    def conversion_factor(number: float, usual: float) -> float:
+        """Return old / new for a number that is nearer to a usual size [m] in the old unit, else 1."""
+        is_in_old_unit = number == 0.0 or abs(log(old * number / usual)) <= abs(log(new * number / usual))
+        return old / new if is_in_old_unit else 1.0
+
+    def convert_place(place: Vector3 | None) -> Vector3 | None:
         if place is None:
             return None
-        x, y, z = (factor(float(np.linalg.norm(place)), _PLACE) * part for part in place)
+        x, y, z = (conversion_factor(float(np.linalg.norm(place)), _USUAL_DISTANCE) * part for part in place)
         return x, y, z
 
     noise = measured.noise
     if noise is not None and noise.sigma is not None:
-        scale = factor(noise.sigma, _SIGMA)
+        scale = conversion_factor(noise.sigma, _USUAL_SIGMA)
         lengths = {name: getattr(noise, name) for name in ("sigma", "load_point", "target_places")}
         noise = noise.model_copy(
             update={name: None if size is None else scale * size for name, size in lengths.items()}
         )
 
-    def scaled(one: Reading) -> Reading:
-        sigma = one.sigma and factor(one.sigma, _SIGMA) * one.sigma
-        return one.model_copy(update={"sigma": sigma})
+    def convert_sigma(reading: Reading) -> Reading:
+        sigma = reading.sigma and conversion_factor(reading.sigma, _USUAL_SIGMA) * reading.sigma
+        return reading.model_copy(update={"sigma": sigma})
 
     changes: dict[str, Any] = {
         "noise": noise,
-        "load_point": placed(measured.load_point),
-        "flange_targets": {name: placed(place) for name, place in measured.flange_targets.items()},
-        "observations": _change_each(
+        "load_point": convert_place(measured.load_point),
+        "flange_targets": {name: convert_place(place) for name, place in measured.flange_targets.items()},
+        "observations": _change_observations(
             measured,
             lambda each: {
-                "load_point": placed(each.load_point),
-                "readings": [scaled(one) for one in each.readings],
+                "load_point": convert_place(each.load_point),
+                "readings": [convert_sigma(reading) for reading in each.readings],
             },
         ),
     }
     return measured.model_copy(update=changes)
 
 
-_SETS: Final[Mapping[str, Callable[[_Set, Action], _Set]]] = {
+_SET_CHANGES: Final[Mapping[str, Callable[[_Set, Action], _Set]]] = {
     "leave_out_readings": lambda measured, action: measured.model_copy(
         update={"observations": without(measured.observations, action.observations)}
     ),
@@ -222,4 +239,4 @@ _SETS: Final[Mapping[str, Callable[[_Set, Action], _Set]]] = {
     "exchange_readings": _with_readings_exchanged,
     "convert_units": _with_units,
 }
-"""Measurement sets after an action."""
+"""Functions that return a measurement set after an action, by the action's kind."""

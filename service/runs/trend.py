@@ -30,11 +30,11 @@ _OPEN_INTERVAL = "the stiffness has no upper limit, or its uncertainty exceeds a
 
 
 Stated = Annotated[bool, BeforeValidator(bool)]
-"""Whether a field has a value, or has parts."""
+"""True if a field of a run has a value other than null, zero or empty; the value itself is not kept."""
 
 
 class _Part(BaseModel):
-    """Part of a run; the rest of it is not kept."""
+    """Base of the parts of a stored run that a trend reads; other fields are ignored."""
 
     model_config = ConfigDict(extra="ignore", frozen=True, from_attributes=True)
 
@@ -76,7 +76,7 @@ class _Budget(_Part):
     components: list[_Component]
 
     def included_in(self, joint: str) -> dict[str, float]:
-        """Return the included contributions to a joint's standard uncertainty by source; none without one."""
+        """Return the contributions to a joint's standard uncertainty by source; empty without a number."""
         if joint not in self.joints:
             return {}
         place = self.joints.index(joint)
@@ -98,7 +98,7 @@ class ReadRun(_Part):
 
 
 def numbers_of_trend(run: Run) -> str | None:
-    """Return what a trend reads of a run as JSON; None if the run has no result."""
+    """Return as JSON the part of a run that a trend reads; None if the run has no result."""
     if run.result is None:
         return None
     return ReadRun.model_validate(run).model_dump_json(exclude_defaults=True)
@@ -106,7 +106,7 @@ def numbers_of_trend(run: Run) -> str | None:
 
 @dataclass(frozen=True)
 class Campaign:
-    """A run, and the set that it identified."""
+    """A run, and the measurement set that it identified the robot from."""
 
     run_id: str
     created_at: datetime  # when the run was posted
@@ -115,7 +115,7 @@ class Campaign:
 
     @property
     def at(self) -> datetime:
-        """Time of the measurement; where the set does not say, when it was stored."""
+        """Time of the measurement; time of storing if the set does not state it."""
         return self.measured.measured_at or self.measured.created_at
 
     @cached_property
@@ -124,13 +124,13 @@ class Campaign:
         return {joint.name: joint for joint in self.run.result.joints}
 
     def sources(self, joint: str) -> dict[str, float]:
-        """Contributions to the uncertainty of a joint's compliance by source; none without a budget."""
+        """Return contributions to the uncertainty of a joint's compliance by source; empty if unknown."""
         budget = self.run.result.budget
         return {} if budget is None else budget.included_in(joint)
 
     @property
     def selection(self) -> messages.TrendSelection:
-        """Common ground that it must share with the others of a trend."""
+        """Serial number and options, which all campaigns of one trend share."""
         request = self.run.request
         return messages.TrendSelection(
             serial_number=self.measured.serial_number,
@@ -142,16 +142,16 @@ class Campaign:
         )
 
 
-def trend_of(names: Sequence[str], campaigns: Sequence[Campaign]) -> dict[str, Any]:
-    """Compare the campaigns of a robot; return the fields of a trend that this makes.
+def compare_campaigns(names: Sequence[str], campaigns: Sequence[Campaign]) -> dict[str, Any]:
+    """Compare campaigns of a robot; return the trend's fields `campaigns`, `joints`, `level` and `note`.
 
     Args:
-        names: joints of the robot.
-        campaigns: campaigns that enter, oldest first.
+        names: names of the robot's joints.
+        campaigns: comparable campaigns, oldest first.
     """
-    changes = {name: _change(campaigns, name) for name in names}
+    changes = {name: _estimate_change(campaigns, name) for name in names}
     tests = sum(1 for change in changes.values() if change is not None)
-    joints = [_joint(campaigns, name, changes[name], tests) for name in names]
+    joints = [_summarise_joint(campaigns, name, changes[name], tests) for name in names]
     return {
         "campaigns": [
             messages.TrendCampaign(
@@ -166,20 +166,20 @@ def trend_of(names: Sequence[str], campaigns: Sequence[Campaign]) -> dict[str, A
         ],
         "joints": joints,
         "level": CHANGED_LEVEL,
-        "note": _note(campaigns, joints),
+        "note": _write_note(campaigns, joints),
     }
 
 
-def _change(campaigns: Sequence[Campaign], name: str) -> Change | None:
-    """Return the change of a joint between the first and the latest campaign that give it a number."""
-    known = [one for one in campaigns if _number(one, name) is not None]
+def _estimate_change(campaigns: Sequence[Campaign], name: str) -> Change | None:
+    """Return the change of a joint from the first to the latest campaign with a number; None without two."""
+    known = [one for one in campaigns if _comparable_log_stiffness(one, name) is not None]
     if len(known) < 2:
         return None
     pair = known[0], known[-1]
     instruments = {one.measured.instrument for one in pair}
     budgets = [sources for one in pair if len(sources := one.sources(name)) > 1]
     first, last = (
-        _number(
+        _comparable_log_stiffness(
             one,
             name,
             same_load_cell=len(instruments) == 1 and None not in instruments,
@@ -192,18 +192,18 @@ def _change(campaigns: Sequence[Campaign], name: str) -> Change | None:
     )
     if first is None or last is None:
         return None
-    return Change.between(first, last, min(map(_degrees_of_freedom, pair)))
+    return Change.between(first, last, min(map(_fewest_degrees_of_freedom, pair)))
 
 
-def _degrees_of_freedom(campaign: Campaign) -> float:
-    """Return the fewest degrees of freedom of what makes up the uncertainties; inf if all is known."""
+def _fewest_degrees_of_freedom(campaign: Campaign) -> float:
+    """Return the fewest degrees of freedom of the budget's included components; inf if none states any."""
     budget = campaign.run.result.budget
     components = () if budget is None else budget.components
     fewest = (part.degrees_of_freedom for part in components if part.included)
     return min((each for each in fewest if each is not None), default=inf)
 
 
-def _number(
+def _comparable_log_stiffness(
     campaign: Campaign,
     name: str,
     *,
@@ -211,37 +211,42 @@ def _number(
     same_hook: bool = False,
     assumed_cell: bool = False,
 ) -> tuple[float, float] | None:
+    """Return ln k of a joint and its standard uncertainty, without errors that both campaigns share.
+
+    The flags say which sources of error are shared. None for a joint without a stiffness to compare.
+    """
     joint = campaign.joints.get(name)
     if joint is None or joint.status != "identified" or joint.verdict == "do_not_use":
         return None
-    same = {
+    is_shared = {
         "assumed_load_point": same_hook,
         "force_scale": same_load_cell,
         "assumed_force_scale": assumed_cell,
     }
-    shared = hypot(*(size for source, size in campaign.sources(name).items() if same.get(source, False)))
+    shared = hypot(*(size for source, size in campaign.sources(name).items() if is_shared.get(source, False)))
     return log_stiffness(joint.compliance, joint.standard_uncertainty, shared)
 
 
-def _joint(
+def _summarise_joint(
     campaigns: Sequence[Campaign], name: str, change: Change | None, tests: int
 ) -> messages.TrendJoint:
+    """Return a joint's points and its change; `tests` is the number of joints that are tested."""
     return messages.TrendJoint(
         name=name,
         kind=next((one.joints[name].kind for one in campaigns if name in one.joints), "revolute"),
-        points=[_point(campaign, name) for campaign in campaigns],
-        change=None if change is None else _as_message(change),
+        points=[_summarise_point(campaign, name) for campaign in campaigns],
+        change=None if change is None else _relative_change(change),
         p_value=None if change is None else change.p_value,
         changed=change is not None and change.is_significant(tests),
     )
 
 
-def _point(campaign: Campaign, name: str) -> messages.TrendPoint:
-    """Return a joint in a campaign, with the reason why it is not compared."""
+def _summarise_point(campaign: Campaign, name: str) -> messages.TrendPoint:
+    """Return the stiffness of a joint in a campaign, with the reason if it cannot be compared."""
     joint = campaign.joints.get(name)
     if joint is None:
         return messages.TrendPoint(reason="the run has no such joint")
-    reason = None if _number(campaign, name) else _OPEN_INTERVAL
+    reason = None if _comparable_log_stiffness(campaign, name) else _OPEN_INTERVAL
     if joint.status != "identified":
         reason = joint.reason or f"the joint is {joint.status.replace('_', ' ')}"
     elif joint.verdict == "do_not_use":
@@ -249,17 +254,18 @@ def _point(campaign: Campaign, name: str) -> messages.TrendPoint:
     return messages.TrendPoint(stiffness=joint.stiffness, interval=joint.stiffness_interval, reason=reason)
 
 
-def _as_message(change: Change) -> Estimate:
+def _relative_change(change: Change) -> Estimate:
     return Estimate(value=change.relative, standard_uncertainty=change.relative_uncertainty)
 
 
-def _note(campaigns: Sequence[Campaign], joints: Sequence[messages.TrendJoint]) -> str | None:
-    """Return what the test cannot say, or what to check before the joints."""
+def _write_note(campaigns: Sequence[Campaign], joints: Sequence[messages.TrendJoint]) -> str | None:
+    """Return a remark: that campaigns are too few, or that joints changed alike, as by a wrong force."""
     if not campaigns:
         return "no campaign: identify measurement sets of this robot by the same method"
     if len(campaigns) == 1:
-        return "one campaign: there is nothing to compare it with yet"
+        return "only one campaign: a second one is needed to compare"
     signs = [joint.change.value > 0.0 for joint in joints if joint.changed and joint.change is not None]
+    # Joints seldom soften together: a change of most of them in one direction points to the load.
     alike = max(signs.count(True), signs.count(False))
     if alike > 2 and 2 * alike > len(joints):
         return (
@@ -269,13 +275,13 @@ def _note(campaigns: Sequence[Campaign], joints: Sequence[messages.TrendJoint]) 
     return None
 
 
-def by_selection(
+def group_by_selection(
     runs: Iterable[Sequence[Campaign]],
 ) -> dict[messages.TrendSelection, list[Campaign]]:
-    """Group campaigns by the options that their runs share.
+    """Group campaigns by their runs' options; return the campaigns of each selection.
 
     Args:
-        runs: runs of each set, newest first; the newest run of a set with some options is its campaign.
+        runs: runs of each set, newest first; of runs of a set with equal options the newest one counts.
     """
     found: dict[messages.TrendSelection, list[Campaign]] = {}
     for candidates in runs:
@@ -288,20 +294,21 @@ def by_selection(
     return found
 
 
-def selection_of(
+def choose_selection(
     runs: Iterable[Sequence[Campaign]], query: messages.TrendQuery
 ) -> messages.TrendSelection | None:
-    """Complete a query: by the newest campaign's serial number, then by the options of most campaigns.
+    """Return the serial number of the newest campaign, and the options that most of its campaigns share.
 
-    One run with other options therefore does not end a trend.
+    Only selections that match the query count; None if there are none. A single run with other options
+    therefore does not end a trend.
     """
     filters = query.model_dump(exclude_none=True)
     fitting = {
         selection: campaigns
-        for selection, campaigns in by_selection(runs).items()
+        for selection, campaigns in group_by_selection(runs).items()
         if filters.items() <= selection.model_dump().items()
     }
-    newest = {selection: max(map(_age, campaigns)) for selection, campaigns in fitting.items()}
+    newest = {selection: max(map(_time_order, campaigns)) for selection, campaigns in fitting.items()}
     if not fitting:
         return None
     serial_number = max(fitting, key=lambda each: newest[each]).serial_number
@@ -309,12 +316,13 @@ def selection_of(
     return max(of_arm, key=lambda each: (len(fitting[each]), newest[each]))
 
 
-def _age(campaign: Campaign) -> tuple[datetime, datetime]:
+def _time_order(campaign: Campaign) -> tuple[datetime, datetime]:
+    """Return a key by which campaigns are sorted: time of measurement, then time of the run."""
     return campaign.at, campaign.created_at
 
 
 def _reason_not_charted(candidate: Campaign) -> str | None:
-    """Return why a run enters no trend at all; None if it may."""
+    """Return why a run may not be part of any trend; None if it may."""
     request, result = candidate.run.request, candidate.run.result
     verdict = result.assessment
     if verdict.verdict == "do_not_use":
@@ -323,7 +331,7 @@ def _reason_not_charted(candidate: Campaign) -> str | None:
     if result.links:
         return "it has elastic links or coupling, so its joint stiffnesses are effective values"
     if request.weight:
-        return "it is by own weight, so that an error of the masses shifts all stiffnesses"
+        return "it was identified by own weight, so that an error of the masses shifts all stiffnesses"
     for name, value in (
         ("priors", request.priors),
         ("bounds of the stiffness", request.stiffness_bounds),
@@ -334,16 +342,16 @@ def _reason_not_charted(candidate: Campaign) -> str | None:
     return None
 
 
-def sorted_out(
+def split_by_comparability(
     sets: Sequence[MeasurementSetEntry],
     runs: Mapping[str, Sequence[Campaign]],
     selection: messages.TrendSelection | None,
 ) -> tuple[list[Campaign], list[messages.LeftOut]]:
-    """Return the campaigns of a trend, oldest first, and why others are none."""
+    """Return the campaigns of a trend, oldest first, and the sets left out, with the reasons."""
     entering, left_out = [], []
-    for one in sets:
-        candidates = runs.get(one.id, ())
-        fitting = [c for c in candidates if _reason_not_comparable(c, selection) is None]
+    for measured in sets:
+        candidates = runs.get(measured.id, ())
+        fitting = [run for run in candidates if _reason_not_comparable(run, selection) is None]
         if fitting:
             entering.append(fitting[0])
         else:
@@ -352,18 +360,20 @@ def sorted_out(
                 if candidates
                 else "it has no run with stiffnesses"
             )
-            left_out.append(messages.LeftOut(measurement_set_id=one.id, name=one.name, reason=reason or ""))
+            left_out.append(
+                messages.LeftOut(measurement_set_id=measured.id, name=measured.name, reason=reason or "")
+            )
     entering.sort(key=lambda candidate: (candidate.at, candidate.measured.created_at))
     return entering, left_out
 
 
 def _reason_not_comparable(candidate: Campaign, selection: messages.TrendSelection | None) -> str | None:
-    """Return why a run is not comparable; None if it is."""
+    """Return why a run does not belong to the trend of a selection; None if it does."""
     if (unfit := _reason_not_charted(candidate)) is not None or selection is None:
         return unfit or "no run of it matches the query"
-    mine, wanted = candidate.selection.model_dump(), selection.model_dump()
-    differing = [name for name in wanted if mine[name] != wanted[name]]
-    return ", ".join(f"{name.replace('_', ' ')}: {_show_value(mine[name])}" for name in differing) or None
+    own, wanted = candidate.selection.model_dump(), selection.model_dump()
+    differing = [name for name in wanted if own[name] != wanted[name]]
+    return ", ".join(f"{name.replace('_', ' ')}: {_show_value(own[name])}" for name in differing) or None
 
 
 def _show_value(value: object) -> str:
@@ -378,7 +388,7 @@ class Trends:
     def __init__(self, store: Store) -> None:
         self._store = store
         # a run never changes once it has ended
-        self._read = lru_cache(_REMEMBERED)(ReadRun.model_validate_json)
+        self._read_run = lru_cache(_REMEMBERED)(ReadRun.model_validate_json)
 
     def trend(self, robot_id: str, query: messages.TrendQuery) -> messages.Trend:
         """Return the trend of a robot.
@@ -389,66 +399,67 @@ class Trends:
         names = [joint.name for joint in described(self._store.robots.get(robot_id)).joints]
         sets = self._store.sets_of(robot_id)
         runs = self._runs_by_set(robot_id, sets)
-        selection = selection_of(runs.values(), query)
-        entering, left_out = sorted_out(sets, runs, selection)
+        selection = choose_selection(runs.values(), query)
+        entering, left_out = split_by_comparability(sets, runs, selection)
         return messages.Trend(
             robot_id=robot_id,
             selection=selection,
             serial_numbers=sorted({one.serial_number for one in sets if one.serial_number is not None}),
             left_out=left_out,
-            **trend_of(names, entering),
+            **compare_campaigns(names, entering),
         )
 
     def last_campaign(self, entry: RobotEntry) -> LastCampaign | None:
-        """Return the latest campaign of a robot if it has one, and the joints that changed.
+        """Return the latest campaign of a robot and the joints that changed; None without a campaign.
 
-        The robot's row has it. If runs or sets changed since then, it is derived anew, and kept.
+        The robot's row keeps this summary. If runs or sets changed since it was written, it is made anew.
         """
         if entry.is_current:
             return None if entry.campaign is None else LastCampaign.model_validate(entry.campaign)
         found = self._summarise_last_campaign(entry.id)
-        with suppress(StoreUnavailableError):  # of a database that cannot be written now
+        # If the database cannot be written now, the summary is made again next time.
+        with suppress(StoreUnavailableError):
             self._store.robots.derive(entry, None if found is None else found.model_dump(mode="json"))
         return found
 
     def derive_due(self, most: int) -> None:
-        """Derive the last campaigns of some robots whose runs or sets changed, before anyone lists them."""
+        """Renew the outdated summaries of at most `most` robots, so that listing the robots is fast."""
         for entry in self._store.robots.due(most):
             self.last_campaign(entry)
 
     def _summarise_last_campaign(self, robot_id: str) -> LastCampaign | None:
-        """Return the newest run of a robot, and the joints that changed before it; None without runs."""
+        """Return the newest run of a robot, and the joints that changed in any trend; None without runs."""
         sets = self._store.sets_of(robot_id)
         runs = self._runs_by_set(robot_id, sets)
         if not runs:
             return None
-        newest = max((one for candidates in runs.values() for one in candidates), key=_age)
+        newest = max((one for candidates in runs.values() for one in candidates), key=_time_order)
         return LastCampaign(
             run_id=newest.run_id,
             at=newest.at,
             serial_number=newest.measured.serial_number,
             verdict=newest.run.result.assessment.verdict,
-            changed=self._changed(robot_id, sets, runs, newest.measured.serial_number),
+            changed=self._find_changed_joints(robot_id, sets, runs, newest.measured.serial_number),
         )
 
-    def _changed(
+    def _find_changed_joints(
         self,
         robot_id: str,
         sets: Sequence[MeasurementSetEntry],
         runs: Mapping[str, Sequence[Campaign]],
         newest: str | None,
     ) -> list[ChangedJoint]:
-        """Return the joints that changed in any trend of the robot, each once for its serial number.
+        """Return the joints that changed in any trend of the robot, each once for each serial number.
 
-        The serial number of the newest campaign comes first; of several trends in which a joint changed, that
-        of most campaigns gives the number.
+        Joints of the serial number `newest` come first. If a joint changed in several trends, the change is
+        that of the trend with most campaigns.
         """
         names = [joint.name for joint in described(self._store.robots.get(robot_id)).joints]
         found: dict[tuple[str | None, str], ChangedJoint] = {}
-        by_options = by_selection(runs.values())
+        by_options = group_by_selection(runs.values())
         for selection in sorted(by_options, key=lambda each: len(by_options[each]), reverse=True):
-            entering, _ = sorted_out(sets, runs, selection)
-            for joint in trend_of(names, entering)["joints"]:
+            entering, _ = split_by_comparability(sets, runs, selection)
+            for joint in compare_campaigns(names, entering)["joints"]:
                 if joint.changed and joint.change is not None:
                     arm = selection.serial_number
                     of_arm = ChangedJoint(joint=joint.name, serial_number=arm, change=joint.change)
@@ -460,11 +471,11 @@ class Trends:
         )
 
     def _runs_by_set(self, robot_id: str, sets: Iterable[MeasurementSetEntry]) -> dict[str, list[Campaign]]:
-        """Return the runs with numbers, newest first, by their sets."""
+        """Return the runs with a result, newest first, by the id of their measurement set."""
         known = {one.id: one for one in sets}
         candidates: dict[str, list[Campaign]] = {}
         for entry in self._store.runs_with_numbers(robot_id, _MOST_RUNS):
             if (measured := known.get(entry.measurement_set_id)) is not None:
-                one = Campaign(entry.id, entry.created_at, self._read(entry.trend), measured)
+                one = Campaign(entry.id, entry.created_at, self._read_run(entry.trend), measured)
                 candidates.setdefault(measured.id, []).append(one)
         return candidates

@@ -28,10 +28,11 @@ from jointstiff.solver.text import figure
 
 
 def accepted_run(inputs: Inputs, run_id: str, accept_verdict: str | None) -> MeasuredRun:
-    """Return the run that a request names.
+    """Return the run that a request names, with its measurement set.
 
     Raises:
-        RequestError: there is no such run, or it is not to be used and the request does not accept that.
+        RequestError: there is no such run.
+        VerdictError: the run is not to be used, and the request does not accept that.
     """
     run = inputs.run(run_id, "run_id")
     if run.run.result is not None:
@@ -47,10 +48,17 @@ def refuse_unaccepted(
     *,
     passed_over: Collection[str] = (),
 ) -> None:
-    """Refuse a result that is not to be used, with the reasons.
+    """Refuse a result that is not to be used, unless the request accepts its verdict.
+
+    Args:
+        assessment: of the result.
+        accept_verdict: verdict that the request accepts.
+        subject: name of the result in the message.
+        where: field of the request that names the result.
+        passed_over: codes of reasons that do not count.
 
     Raises:
-        VerdictError: it is not to be used, and the request does not accept that.
+        VerdictError: the result is refused; the error lists the reasons.
     """
     reasons = [
         (reason.where or "all readings", reason.message, reason.remedy)
@@ -65,7 +73,7 @@ def result_of(run: Run) -> RunResult:
     """Return the result of a run.
 
     Raises:
-        RequestError: it has none.
+        RequestError: the run has no result.
     """
     if run.result is None:
         raise RequestError(
@@ -95,20 +103,20 @@ class RunModel:
         masses: Sequence[LinkMass] = (),
         length: float = 1.0,
     ) -> RunModel:
-        """Return the model of a run of this robot, with own weight where it counts.
+        """Return the model of a run of this robot, with own weight if `absolute` or `masses` request it.
 
         Args:
-            robot: n joints.
-            run: of its campaign.
+            robot: robot of n joints.
+            run: run that identified this robot.
             absolute: whether predictions include the sag by the own weight that the run identified.
-            masses: of the links; none leaves own weight out.
-            length: metres in the unit of the masses' centres.
+            masses: masses of the links; without any, own weight is left out.
+            length: factor to m of the unit of the masses' centres.
 
         Raises:
             RequestError: the run has no model or is of another robot, or the own weight does not fit it.
         """
         result = result_of(run)
-        weight = _own_weight(robot, run, absolute, masses, length)
+        weight = _choose_own_weight(robot, run, absolute, masses, length)
         if result.model is None:
             raise RequestError(
                 f"run '{run.id}' has no model", where="run_id", remedy="choose a run that determines a joint"
@@ -128,7 +136,7 @@ class RunModel:
         return 0 if self.error is None else self.error.postures
 
     def remarks(self, confidence: float) -> list[str]:
-        """Return what holds for all predictions: what the model leaves out, and no bound."""
+        """Return remarks on all predictions: effects left out of the model, and why errors have no bound."""
         remarks = []
         if not isinstance(self.model, JointModel):
             remarks.append(
@@ -156,27 +164,27 @@ class RunModel:
         elif self.error.postures < (needed := self.error.needed(confidence)):
             remarks.append(f"{level}: {needed} postures are needed, and there are {self.error.postures}")
         elif np.isinf(self.error.quantile(confidence)):
-            remarks.append(f"{level}: too many postures twist a joint that the others do not determine")
+            remarks.append(f"{level}: too many postures are needed to determine a joint")
         return remarks
 
 
-def _own_weight(
+def _choose_own_weight(
     robot: Robot, run: Run, absolute: bool, masses: Sequence[LinkMass], length: float
 ) -> OwnWeight | None:
-    """Return the own weight of the links: the run's for absolute positions, or of stated masses, or None."""
+    """Return the own weight that a run identified, if `absolute`, else that of the stated masses, or None."""
     if absolute:
         model = None if run.result is None else run.result.model
         if model is None or model.weight is None or masses:
             raise RequestError(
-                f"sag takes the own weight of the run: '{run.id}' has none, or masses are stated, too",
+                f"`absolute` uses the own weight of run '{run.id}': it has none, or masses are given, too",
                 where="absolute",
                 remedy="choose a run with `weight` and without balancers, and leave `masses` out",
             )
-        part = model.weight
-        weight, centre, gravity, root = map(
-            np.array, (part.mass, part.centre, part.gravity, part.covariance_root)
+        found = model.weight
+        mass, centre, gravity, root = map(
+            np.array, (found.mass, found.centre, found.gravity, found.covariance_root)
         )
-        return IdentifiedWeight(weight, centre, gravity, root=root)
+        return IdentifiedWeight(mass, centre, gravity, root=root)
     if not masses:
         return None
     mass, centre = np.zeros(robot.n), np.zeros((robot.n, 3))
@@ -184,7 +192,7 @@ def _own_weight(
         j = robot.joint_index(link.joint, f"masses[{i}].joint")
         if link.joint in (other.joint for other in masses[:i]):
             raise RequestError(
-                f"'{link.joint}' has a mass already",
+                f"joint '{link.joint}' is given two masses",
                 where=f"masses[{i}].joint",
                 remedy="give each joint one mass, at the common centre of what it carries",
             )
@@ -193,10 +201,10 @@ def _own_weight(
 
 
 def moment_factor(units: Units, moments: FloatArray) -> float:
-    """Return N·m in the unit of moments.
+    """Return the factor from the unit of moments of a request to N·m.
 
     Raises:
-        RequestError: there are moments, whose unit is not stated, and the others do not imply it.
+        RequestError: there are moments, and their unit is neither stated nor implied by lengths in m.
     """
     if units.moment is not None:
         return MOMENT[units.moment]
@@ -223,17 +231,17 @@ _SUBJECT: Final[dict[Verdict, str]] = {
 
 
 def own_reason(code: FindingCode, weight: Verdict, message: str, remedy: str) -> Finding:
-    """Return a reason of a result."""
+    """Return a reason that concerns a result itself rather than the run behind it."""
     return Finding(code=code, weight=weight, message=message, remedy=remedy)
 
 
 def judged(subject: str, reasons: Sequence[Finding], run: Assessment | None) -> Assessment:
-    """Return the worst verdict of a result and of its run, with a head line that says of what.
+    """Return the worse verdict of a result and of its run, with the reasons of both and a headline.
 
     Args:
-        subject: name of the result, such as `map`.
-        reasons: reasons of its own.
-        run: assessment of its run or runs; None without one.
+        subject: name of the result in the headline, such as `map`.
+        reasons: reasons of the result itself.
+        run: assessment of the run or runs behind the result; None without a run.
     """
     worst: Verdict = max((each.weight for each in reasons), key=list(_SUBJECT).index, default="use")
     own = Assessment(verdict=worst, reasons=list(reasons))
@@ -249,7 +257,7 @@ def judged(subject: str, reasons: Sequence[Finding], run: Assessment | None) -> 
 
 
 def of_deflection(greatest: float | None, run: RunResult) -> list[Finding]:
-    """Return the reason against a deflection [m] that no arm has, or that is far from the campaign's."""
+    """Return a reason if the greatest deflection [m] is too large for an arm, or for this campaign."""
     if greatest is None or not isfinite(greatest):
         return []
     measured = max((hypot(*each.deflection) for each in run.residuals), default=0.0)
@@ -268,7 +276,7 @@ def of_deflection(greatest: float | None, run: RunResult) -> list[Finding]:
 
 
 def of_points(points: Iterable[Sequence[float] | None]) -> list[Finding]:
-    """Return the reason against points on the tool [m, flange frame] that are unusually far."""
+    """Return a reason if a point on the tool [m, flange frame] is unusually far from the flange."""
     far = max((hypot(*point) for point in points if point is not None), default=0.0)
     if far <= LONGEST_TOOL:
         return []
@@ -277,7 +285,7 @@ def of_points(points: Iterable[Sequence[float] | None]) -> list[Finding]:
 
 
 def of_campaign(count: int, total: int, what: str) -> list[Finding]:
-    """Return the reason that loads or postures are beyond those of the campaign."""
+    """Return a reason if loads or postures of `count` of `total` cases are beyond those of the campaign."""
     if not count:
         return []
     message = f"{count} of {total} {what} have loads or postures beyond those of the campaign"
@@ -286,12 +294,12 @@ def of_campaign(count: int, total: int, what: str) -> list[Finding]:
 
 
 def of_missing(count: int, total: int, what: str, *, unseen: bool = True) -> list[Finding]:
-    """Return the reason that some, or all, have no number; `unseen`: joints are not determined."""
+    """Return a reason if `count` of `total` cases have no number; `unseen`: for want of determined joints."""
     if not count:
         return []
     weight: Verdict = "do_not_use" if count == total else "use_with_care"
     share = f"none of the {total}" if count == total else f"{total - count} of {total}"
     message = f"{share} {what} {'have' if total != 1 else 'has'} a number"
     measure = "measure what twists the joints without a number, or " if unseen else ""
-    remedy = f"read the reason of each; {measure}move the places"
+    remedy = f"read why each one lacks a number; {measure}move the places"
     return [own_reason("numbers_missing", weight, message, remedy)]

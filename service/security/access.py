@@ -37,7 +37,7 @@ from jointstiff.service.store.tables import AccessKey, AuditEntry, SessionRecord
 from jointstiff.solver.errors import RequestError
 
 ROLES: Final[tuple[Role, ...]] = ("viewer", "operator", "admin")
-"""Each may do what those before it may."""
+"""Roles from the least to the greatest: a role may do all that the roles before it may."""
 ANONYMOUS_ENTRIES: Final = 60
 """Entries of the audit a minute about requests without a valid key: such requests cannot fill the disk."""
 _LONGEST_PATH: Final = 200
@@ -73,11 +73,12 @@ _BEARER: Final = HTTPBearer(
 
 
 def _require_role(role: Role) -> params.Security:
+    """Return the dependency by which a route declares the role that it needs."""
     return params.Security(_BEARER, scopes=[role])
 
 
-async def _public() -> None:
-    """Do nothing."""
+async def _allow_anyone() -> None:
+    """Check nothing: this dependency only declares that a route needs no key."""
 
 
 VIEWER: Final = _require_role("viewer")
@@ -86,7 +87,7 @@ OPERATOR: Final = _require_role("operator")
 """Dependency of a route that stores, computes or deletes."""
 ADMIN: Final = _require_role("admin")
 """Dependency of a route for keys and the audit; where no key is demanded, nobody may use it."""
-PUBLIC: Final = Depends(_public)
+PUBLIC: Final = Depends(_allow_anyone)
 """Dependency of a route that needs no key."""
 _DECLARATIONS: Final = (VIEWER, OPERATOR, ADMIN, PUBLIC)
 
@@ -95,17 +96,17 @@ _DECLARATIONS: Final = (VIEWER, OPERATOR, ADMIN, PUBLIC)
 class Requester:
     """The requester of a request: its key and address."""
 
-    key: AccessKey | None  # key that came with it; None if none did
+    key: AccessKey | None  # valid key of the request; None without one
     is_open: bool  # whether no key is demanded
-    address: str  # where it came from
-    operation: str | None = None  # operation that was found for it
+    address: str  # network address of the client
+    operation: str | None = None  # name of the API operation that answers it
 
     def require(self, role: Role | None) -> None:
-        """Do nothing if a role, or that of anyone, is enough.
+        """Refuse the request if its key lacks a role; None as the role admits everyone.
 
         Raises:
-            KeyRefusedError: no key came.
-            RoleError: the key's role is not enough; or an admin's is needed, and no key is demanded.
+            KeyRefusedError: the request has no key.
+            RoleError: the key's role is lower; or an admin is needed, but the service requires no keys.
         """
         if role is None or (self.is_open and role != "admin"):
             return
@@ -124,30 +125,31 @@ class Requester:
 
 
 def requester_of(connection: HTTPConnection) -> Requester:
-    """Return the requester."""
+    """Return the requester that was recognised when the request arrived."""
     requester: Requester = connection.scope[REQUESTER]
     return requester
 
 
-async def _key(connection: HTTPConnection) -> AccessKey | None:
+async def _key_of_requester(connection: HTTPConnection) -> AccessKey | None:
+    """Return the key of a request; None without one."""
     return requester_of(connection).key
 
 
-KeyOf = Depends(_key)
-"""Dependency: the key with which a job is requested."""
+KeyOf = Depends(_key_of_requester)
+"""Dependency of a route: the key of the request, or None."""
 
 
 class AccessRoute(APIRoute):
-    """Route that answers those whose role is enough."""
+    """Route that refuses requests whose key lacks the declared role."""
 
     async def handle(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer, or refuse before the body is read.
+        """Answer a request, or refuse it before its body is read.
 
         Raises:
-            KeyRefusedError: no key came, and one is needed.
-            RoleError: the key's role is not enough.
+            KeyRefusedError: the request has no key, and the route needs one.
+            RoleError: the key lacks the role that the route needs.
         """
-        if scope["method"] in (self.methods or ()):  # else it will not be this route that answers
+        if scope["method"] in (self.methods or ()):  # for other methods this route does not answer
             role = role_of(self)
             requester: Requester = (
                 scope[REQUESTER] if role else scope.get(REQUESTER, Requester(None, True, ""))
@@ -161,16 +163,19 @@ def role_of(route: APIRoute) -> Role | None:
     """Return the role that a route needs; None if anyone may use it.
 
     Raises:
-        UndeclaredRoleError: it does not declare one, or more than one.
+        UndeclaredRoleError: the route declares no role, or several.
     """
-    declared = [each for each in route.dependencies if any(each is one for one in _DECLARATIONS)]
+    # Compared by identity: these four objects are the only declarations of a role.
+    declared = [each for each in route.dependencies if any(each is known for known in _DECLARATIONS)]
     if len(declared) != 1:
         raise UndeclaredRoleError(
             f"{route.name} ({route.path}) must declare one role: "
             "dependencies=[VIEWER], [OPERATOR], [ADMIN] or [PUBLIC] of service/security/access.py"
         )
-    (one,) = declared
-    return cast("Role", one.scopes[0]) if isinstance(one, params.Security) and one.scopes else None
+    (declaration,) = declared
+    if isinstance(declaration, params.Security) and declaration.scopes:
+        return cast("Role", declaration.scopes[0])
+    return None
 
 
 def operation_id(route: APIRoute) -> str:
@@ -180,10 +185,10 @@ def operation_id(route: APIRoute) -> str:
 
 
 def public_paths(routes: Iterable[BaseRoute]) -> tuple[frozenset[str], tuple[str, ...]]:
-    """Return the addresses that need no key, and the beginnings of such addresses.
+    """Return the paths that need no key, and the prefixes of folders of files that need none.
 
     Raises:
-        UndeclaredRoleError: a route does not say who may use it, or is of a class that would not ask.
+        UndeclaredRoleError: a route declares no role, or is not an `AccessRoute`, which checks the role.
     """
     paths, mounts = set(), []
     for context in iter_route_contexts(list(routes)):
@@ -202,13 +207,13 @@ def public_paths(routes: Iterable[BaseRoute]) -> tuple[frozenset[str], tuple[str
 class SignedIn:
     """A browser that signed in."""
 
-    key: AccessKey  # with which
+    key: AccessKey  # key that it signed in with
     token: str  # token of its cookie
-    ends_at: datetime  # when it has to sign in again at the latest
+    ends_at: datetime  # latest time at which it has to sign in again
 
 
 class Gate:
-    """Recognises those who ask. It belongs to one event loop."""
+    """Finds the key of each request, and begins and ends sessions. It belongs to one event loop."""
 
     def __init__(
         self, store: Store, keyring: Keyring, look: Callable[[], Awaitable[object]], access: Access
@@ -216,39 +221,39 @@ class Gate:
         """Guard a service.
 
         Args:
-            store: which has its sessions and its keys.
-            keyring: the keys that open it.
-            look: raises a `StoreError` if the database, and so the keyring, was not looked at of late.
-            access: whom it answers.
+            store: store of the service's keys and sessions.
+            keyring: keys that open the service.
+            look: waits for a recent look at the database and the keyring; raises a `StoreError` if it failed.
+            access: callers that the service answers.
         """
         self.access = access
         self.keyring = keyring
         self._store = store
         self._look = look
-        self._slow = 0
-        self._used_links: dict[str, datetime] = {}  # a second tap on one is no wrong key
-        self._turns = CapacityLimiter(4)
-        self._counting = CapacityLimiter(1)  # of wrong keys, which delay no session
-        self._noted: dict[str, datetime] = {}
-        self._notes: set[asyncio.Task[None]] = set()
+        self._delayed_answers = 0  # answers to wrong keys that are being delayed now
+        self._used_links: dict[str, datetime] = {}  # a second use within a minute counts as no wrong key
+        self._database_slots = CapacityLimiter(4)  # database calls at the same time
+        self._counting_slot = CapacityLimiter(1)  # separate, so that wrong keys delay no session
+        self._last_noted: dict[str, datetime] = {}  # last use that was written, by key id or session
+        self._note_tasks: set[asyncio.Task[None]] = set()  # tasks that write uses now
 
     @property
     def is_open(self) -> bool:
-        """Return whether no key is demanded."""
+        """Return whether the service answers requests without a key."""
         return self.access != "keys"
 
     async def awaits_key(self) -> bool:
-        """Return whether no key opens the service yet."""
+        """Return whether the service has no valid key: someone has to create one first."""
         if not self.keyring.has_keys():
-            with suppress(StoreError):  # what was seen before counts
+            with suppress(StoreError):  # then the keys of the last look count
                 await self._look()
         return not self.keyring.has_keys()
 
     async def caller(self, connection: HTTPConnection, address: str) -> AccessKey | None:
-        """Return the key of those who ask; None if they send none, or their session has ended.
+        """Return the key of a request, sent as a bearer token or by a session; None without a valid session.
 
         Raises:
-            KeyRefusedError: a key came that does not open the service.
+            KeyRefusedError: the key that was sent does not open the service.
             StoreError: the database does not answer.
         """
         scheme, _, text = connection.headers.get("authorization", "").partition(" ")
@@ -262,7 +267,7 @@ class Gate:
         return key
 
     async def still_opens(self, connection: HTTPConnection, key: AccessKey | None) -> bool:
-        """Return whether an answer that goes on may do so: the key is valid, and the session has not ended.
+        """Return whether a long answer may go on: its key is still valid, and its session has not ended.
 
         Raises:
             StoreError: the database does not answer.
@@ -275,16 +280,21 @@ class Gate:
         if "authorization" in connection.headers or not _TOKEN.fullmatch(token):
             return True
         now = datetime.now(UTC)
-        return await run_sync(self._store.sessions.find, digest(token), now, limiter=self._turns) is not None
+        return (
+            await run_sync(self._store.sessions.find, digest(token), now, limiter=self._database_slots)
+            is not None
+        )
 
     async def session(self, connection: HTTPConnection) -> tuple[AccessKey | None, datetime | None]:
-        """Return the key of a browser's session, and when it ends; nothing if there is none."""
+        """Return the key of a browser's session and the time of its end; (None, None) without a session."""
         token = connection.cookies.get(cookie_name(connection), "")
         if not _TOKEN.fullmatch(token):
             return None, None
         await self._look()
         hashed = digest(token)
-        session = await run_sync(self._store.sessions.find, hashed, datetime.now(UTC), limiter=self._turns)
+        session = await run_sync(
+            self._store.sessions.find, hashed, datetime.now(UTC), limiter=self._database_slots
+        )
         key = None if session is None else self.keyring.find(session.key_id)
         if session is None or key is None:
             return None, None
@@ -295,8 +305,8 @@ class Gate:
         """Begin the session of a browser, with a key or with a one-time link.
 
         Raises:
-            RequestError: no key is demanded.
-            KeyRefusedError: it does not open the service.
+            RequestError: the service requires no keys.
+            KeyRefusedError: the key or the link does not open the service.
             StoreError: the database does not answer.
         """
         if self.is_open:
@@ -310,80 +320,97 @@ class Gate:
         )
         token, now = mint_token("jss"), datetime.now(UTC)
         record = SessionRecord(digest(token), key_record.id, now, now)
-        await run_sync(self._store.sessions.begin, record, limiter=self._turns)
+        await run_sync(self._store.sessions.begin, record, limiter=self._database_slots)
         return SignedIn(key_record, token, now + SESSION_LONGEST)
 
     async def sign_out(self, connection: HTTPConnection) -> None:
         """End the session of a browser, if it has one."""
         token = connection.cookies.get(cookie_name(connection), "")
         if _TOKEN.fullmatch(token):
-            await run_sync(self._store.sessions.end, digest(token), limiter=self._turns)
+            await run_sync(self._store.sessions.end, digest(token), limiter=self._database_slots)
 
     async def _check_key(self, text: str, address: str) -> AccessKey:
+        """Return the key with a secret text; count a wrong one, and refuse slowly if an address sends many.
+
+        Raises:
+            KeyRefusedError: the key does not open the service.
+            WrongKeysError: the network of the address has sent too many wrong keys.
+        """
         try:
             return self.keyring.check(text)
         except KeyRefusedError:
-            if not await self._is_too_much(address):
+            if not await self._count_wrong_key(address):
                 raise
-        await self._wait()
+        await self._delay_answer()
         raise WrongKeysError
 
     async def _redeem_link(self, link: str | None, address: str) -> AccessKey:
+        """Return the key of a one-time link, which is used up; count a wrong link like a wrong key.
+
+        Raises:
+            KeyRefusedError: the link was used before, is too old, or its key is not valid any more.
+            WrongKeysError: the network of the address has sent too many wrong keys or links.
+        """
         hashed, now = digest(link or ""), datetime.now(UTC)
-        key_id = await run_sync(self._store.sessions.redeem, hashed, now, limiter=self._turns)
+        key_id = await run_sync(self._store.sessions.redeem, hashed, now, limiter=self._database_slots)
         record = None if key_id is None else self.keyring.find(key_id)
         if record is not None:
             self._used_links = {one: at for one, at in self._used_links.items() if now - at < MINUTE}
             self._used_links[hashed] = now
             return record
-        if hashed not in self._used_links and await self._is_too_much(address):
-            await self._wait()
+        if hashed not in self._used_links and await self._count_wrong_key(address):
+            await self._delay_answer()
             raise WrongKeysError
         raise KeyRefusedError(
             "the link was used before, or is older than ten minutes",
             "use a new link (`jointstiff keys link` makes one), or enter a key",
         )
 
-    async def _is_too_much(self, address: str) -> bool:
-        """Count a wrong key, for all services of the database."""
+    async def _count_wrong_key(self, address: str) -> bool:
+        """Count a wrong key of an address's network, for all services; return whether there are too many."""
         count = self._store.wrong_keys.count
-        return await run_sync(count, network_of(address), limiter=self._counting) > FORGIVEN
+        return await run_sync(count, network_of(address), limiter=self._counting_slot) > FORGIVEN
 
-    async def _wait(self) -> None:
-        if self._slow >= MOST_SLOW:
+    async def _delay_answer(self) -> None:
+        """Wait `SLOW_SECONDS`, unless `MOST_SLOW` answers wait already."""
+        if self._delayed_answers >= MOST_SLOW:
             return
-        self._slow += 1
+        self._delayed_answers += 1
         try:
             await sleep(SLOW_SECONDS)
         finally:
-            self._slow -= 1
+            self._delayed_answers -= 1
 
-    def _note_use(self, name: str, before: datetime | None, used: Callable[[str, datetime], object]) -> None:
-        """Write in the background that a key or session is used, once a minute."""
+    def _note_use(
+        self, name: str, last_used_at: datetime | None, write: Callable[[str, datetime], object]
+    ) -> None:
+        """Write in the background that a key or session (`name`) is used, at most once a minute."""
         now = datetime.now(UTC)
-        last = self._noted.get(name, before)
+        last = self._last_noted.get(name, last_used_at)
         if last is not None and now - last < MINUTE:
             return
-        self._noted = {one: at for one, at in self._noted.items() if now - at < MINUTE} | {name: now}
-        task = asyncio.get_running_loop().create_task(self._write_use(used, name, now))
-        self._notes.add(task)
-        task.add_done_callback(self._notes.discard)
+        self._last_noted = {one: at for one, at in self._last_noted.items() if now - at < MINUTE} | {
+            name: now
+        }
+        task = asyncio.get_running_loop().create_task(self._write_use(write, name, now))
+        self._note_tasks.add(task)
+        task.add_done_callback(self._note_tasks.discard)
 
-    async def _write_use(self, used: Callable[[str, datetime], Any], name: str, now: datetime) -> None:
+    async def _write_use(self, write: Callable[[str, datetime], Any], name: str, now: datetime) -> None:
         try:
-            await run_sync(used, name, now, limiter=self._turns)
+            await run_sync(write, name, now, limiter=self._database_slots)
         except (StoreError, asyncio.CancelledError):
-            self._noted.pop(name, None)  # a later use is noted instead
+            self._last_noted.pop(name, None)  # a later use is noted instead
 
 
 def cookie_name(connection: HTTPConnection) -> str:
-    """Return the name of the cookie: browsers keep one jar for all ports of a machine."""
+    """Return the cookie's name, with the port: browsers share cookies among all ports of a machine."""
     port = connection.headers.get("host", "").rpartition(":")[2]
     return f"jointstiff_{port}" if port.isascii() and port.isdecimal() else "jointstiff"
 
 
 def network_of(address: str) -> str:
-    """Return an IPv4 address, or the network of an IPv6 address, as one machine has 2^64 of them."""
+    """Return an IPv4 address, or the /64 network of an IPv6 address: one machine may have 2^64 of those."""
     try:
         parsed = ipaddress.ip_address(address)
     except ValueError:
@@ -395,19 +422,19 @@ class Audit:
     """Writes the audit: an entry is stored before the client hears of the outcome."""
 
     def __init__(self, store: Store) -> None:
-        """Write to a store."""
+        """Write the audit to a store."""
         self._store = store
-        self._turns = CapacityLimiter(4)
+        self._database_slots = CapacityLimiter(4)
         self._minute = 0
         self._anonymous = 0
 
     async def follow(
         self, requester: Requester, scope: Scope, send: Send, answer: Callable[[Send], Awaitable[None]]
     ) -> None:
-        """Let a request be answered, and write what became of it."""
+        """Answer a request, and write its outcome to the audit before the client gets the answer."""
         written = False
 
-        async def sent(message: Message) -> None:
+        async def write_then_send(message: Message) -> None:
             nonlocal written
             if message["type"] == "http.response.start" and not written:
                 written = True
@@ -415,13 +442,14 @@ class Audit:
             await send(message)
 
         try:
-            await answer(sent)
+            await answer(write_then_send)
         finally:
-            if not written:  # it failed, which others answer, or the client left
+            if not written:  # it failed, and another handler answers; or the client left
                 await self._write(requester, scope, 500)
 
     async def _write(self, requester: Requester, scope: Scope, status: int) -> None:
-        if requester.key is None and self._is_too_much():
+        """Add an entry to the audit, unless this minute has too many entries without a valid key."""
+        if requester.key is None and self._exceeds_anonymous_limit():
             return
         entry = AuditEntry(
             at=datetime.now(UTC),
@@ -430,15 +458,16 @@ class Audit:
             address=requester.address[:_LONGEST_ADDRESS],
             method=scope["method"][:_LONGEST_METHOD],
             operation=requester.operation,
-            path=_shown(scope["path"]),
+            path=_printable_path(scope["path"]),
             status=status,
         )
         try:
-            await run_sync(self._store.audit.add, entry, limiter=self._turns)
+            await run_sync(self._store.audit.add, entry, limiter=self._database_slots)
         except StoreError as error:  # what was done is done; the requester gets the ordinary answer
             _logger.error("the audit lacks %s: %s", entry, error.reason)  # noqa: TRY400
 
-    def _is_too_much(self) -> bool:
+    def _exceeds_anonymous_limit(self) -> bool:
+        """Count a request without a valid key; return whether this minute had too many of them."""
         minute = int(time.monotonic() // 60)
         if minute != self._minute:
             self._minute, self._anonymous = minute, 0
@@ -449,13 +478,14 @@ class Audit:
 
 
 def address_of(scope: Scope) -> str:
-    """Return where a request came from; a proxy on this machine may pass on any text as an address."""
+    """Return the client's IP address; `unknown` for any other text, which a proxy may send."""
     try:
         return str(ipaddress.ip_address((scope.get("client") or ("",))[0]))
     except ValueError:
         return "unknown"
 
 
-def _shown(path: str) -> str:
+def _printable_path(path: str) -> str:
+    """Return a path for the audit: without secrets, not too long, unprintable characters replaced."""
     text = without_keys(path[: 2 * _LONGEST_PATH])[:_LONGEST_PATH]
     return "".join(character if character.isprintable() else "�" for character in text)

@@ -44,16 +44,16 @@ class Posture:
         """Return the posture of a service that listens on an address.
 
         Args:
-            address: that it listens on.
+            address: address on which the service listens.
             allowed: additional names of the service; `*` for any name.
             access_control: whether the service itself controls who is answered.
-            require_key: demand a key on a loopback address, too.
+            require_key: whether a key is required on a loopback address, too.
 
         Raises:
             ValueError: the service would control nothing, or answer under no name.
         """
         named = frozenset(name.strip().removesuffix(".").lower() for name in allowed)
-        names = LOOPBACK_NAMES | {_bracketed(address)}
+        names = LOOPBACK_NAMES | {_format_host(address)}
         if require_key and not access_control:
             raise ValueError("the service cannot both require keys and leave access control to a proxy")
         if is_loopback(address):
@@ -62,7 +62,7 @@ class Posture:
             # A rebound name has neither the cookie nor the key: without names given, all are answered.
             return cls("keys", names | named if named - {"*"} else None)
         if not named:
-            raise ValueError("other machines can reach this address, but the service has no name")
+            raise ValueError("other machines can reach this address, but no host name is allowed")
         return cls("none", None if "*" in named else LOOPBACK_NAMES | named)
 
 
@@ -75,10 +75,10 @@ def is_loopback(address: str) -> bool:
 
 
 def refusal(posture: Posture, scope: Scope) -> Problem | None:
-    """Return why a request is not for this service (421), or requested by another site's page (403); or None.
+    """Return the problem of a request to an unknown host (421) or from another site's page (403), or None.
 
-    A name that an attacker lets point to this machine (DNS rebinding) is not one of the service's; a page of
-    another site sends its `Origin`, or says in `Sec-Fetch-Site` that it is another. Programs send neither.
+    An attacker may let a name point to this machine (DNS rebinding): its requests have that unknown name. A
+    page of another site sends its `Origin`, or another `Sec-Fetch-Site`; programs send neither header.
     """
     headers = Headers(scope=scope)
     hosts = headers.getlist("host")
@@ -87,7 +87,7 @@ def refusal(posture: Posture, scope: Scope) -> Problem | None:
     if parsed is None or (known is not None and parsed[1].removesuffix(".").lower() not in known):
         return http_problem(
             421,
-            "the service does not have this name",
+            "the request names a host that is not this service",
             "start the service with --allowed-host and this name",
         )
     if scope["method"] not in SAFE and not _is_own_page(headers, hosts[0]):
@@ -98,6 +98,7 @@ def refusal(posture: Posture, scope: Scope) -> Problem | None:
 
 
 def _is_own_page(headers: Headers, host: str) -> bool:
+    """Return whether a request comes from the service's own page, or from a program."""
     if headers.get("sec-fetch-site", "none") not in _OWN_PAGES:
         return False
     origins = headers.getlist("origin")
@@ -107,7 +108,8 @@ def _is_own_page(headers: Headers, host: str) -> bool:
         return False
 
 
-def _bracketed(address: str) -> str:
+def _format_host(address: str) -> str:
+    """Return an address as the Host header has it: in lower case, IPv6 in brackets."""
     return f"[{address.lower()}]" if ":" in address else address.lower()
 
 
@@ -150,7 +152,7 @@ class BodyLimits:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, with its body counted."""
+        """Pass a request on; refuse it when the declared or the received length exceeds the limit."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -158,7 +160,7 @@ class BodyLimits:
         declared = Headers(scope=scope).get("content-length", "0")
         expected, received = int(declared) if declared.isdecimal() else 0, 0
 
-        async def counted() -> Message:
+        async def receive_counted() -> Message:
             nonlocal received
             if max(expected, received) > limit:
                 raise _too_large(limit)
@@ -168,14 +170,14 @@ class BodyLimits:
                 raise _too_large(limit)
             return message
 
-        await self._app(scope, counted, send)
+        await self._app(scope, receive_counted, send)
 
 
 def refuse_structure(content: bytes) -> None:
     """Refuse a JSON text that a parser would need too much memory for.
 
     Raises:
-        HTTPException: it has too many objects, lists, members, values or different keys (413).
+        HTTPException: the text has too many objects, lists, members, values or different keys (413).
     """
     for mark, most in MAX_STRUCTURE.items():
         if content.count(mark) > most:

@@ -60,10 +60,10 @@ class Minted(NamedTuple):
 
 
 def mint(name: str, role: Role, now: datetime, expires_at: datetime | None) -> Minted:
-    """Make a key."""
+    """Make a new key: the secret text for its holder, and the record to be stored."""
     key_id = secrets.token_hex(5)
-    body = f"jst_{key_id}_{_random()}"
-    text = f"{body}_{_check(body)}"
+    body = f"jst_{key_id}_{_random_text()}"
+    text = f"{body}_{_checksum(body)}"
     record = AccessKey(
         id=key_id,
         name=name,
@@ -78,12 +78,12 @@ def mint(name: str, role: Role, now: datetime, expires_at: datetime | None) -> M
 
 
 def mint_token(kind: str) -> str:
-    """Return a random text of 256 bits for a cookie or a link, with a word that says for which."""
-    return f"{kind}_{_random()}"
+    """Return `KIND_` and a random text of 256 bits, as the secret of a session or of a link."""
+    return f"{kind}_{_random_text()}"
 
 
-def id_in(text: str) -> str:
-    """Return the id in a key.
+def parse_key_id(text: str) -> str:
+    """Return the id that the text of a key contains.
 
     Raises:
         KeyRefusedError: the text is no key, or is mistyped.
@@ -91,34 +91,34 @@ def id_in(text: str) -> str:
     match = _KEY.fullmatch(text)
     if match is None:
         raise KeyRefusedError("the text sent is not a key", _REMEDY)
-    if _check(match[1]) != match[3]:
+    if _checksum(match[1]) != match[3]:
         raise KeyRefusedError("the key is mistyped: its check sum does not fit", _REMEDY)
     return match[2]
 
 
 def digest(text: str) -> str:
-    """Return the SHA-256 of a key or token, which is all that is stored of it.
+    """Return the SHA-256 of a key or token; only this hash is stored.
 
-    A slow hash would protect a password that people choose. Nobody guesses 256 random bits.
+    A fast hash is enough: nobody guesses 256 random bits, unlike a password that people choose.
     """
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
 def without_keys(text: str) -> str:
-    """Return a text in which nothing is left of keys and links, for those who keep it."""
+    """Return a text in which `…` replaces the secrets of keys and links, for logs and the audit."""
     return _SECRETS.sub(r"\1_…", text)
 
 
-def _random() -> str:
+def _random_text() -> str:
     return "".join(secrets.choice(_ALPHABET) for _ in range(_LENGTH))
 
 
-def _check(body: str) -> str:
+def _checksum(body: str) -> str:
     return f"{zlib.crc32(body.encode()):08x}"
 
 
 _NOBODY: Final = digest(mint_token("jst"))
-"""Hash that a key of unknown id is compared with: the answer takes as long."""
+"""Hash that a key of unknown id is compared with, so that refusing it takes as long as a wrong secret."""
 
 
 class KeysFileError(ServiceError):
@@ -147,17 +147,17 @@ class _Document(Message):
 
 
 class KeysFile:
-    """The keys in a file."""
+    """Keys in a file, which commands write and the service reads."""
 
     def __init__(self, path: Path) -> None:
-        """Use a file, which need not be there yet to be written."""
+        """Use the file at a path; it may be missing until a key is added."""
         self._path = path
 
     def all(self) -> list[AccessKey]:
         """Return all keys, revoked ones too.
 
         Raises:
-            KeysFileError: the file is not there, or not such a file.
+            KeysFileError: the file is missing, too large, writable for everyone, or not a file of keys.
         """
         try:
             with self._path.open("rb") as file:
@@ -172,11 +172,11 @@ class KeysFile:
         except ValidationError as error:
             raise KeysFileError(self._path, "its content is not a file of keys") from error
         if len({entry.id for entry in document.keys}) < len(document.keys):
-            raise KeysFileError(self._path, "an id occurs twice")
+            raise KeysFileError(self._path, "two keys have the same id")
         return [AccessKey(**entry.model_dump(), last_used_at=None) for entry in document.keys]
 
     def add(self, key: AccessKey) -> None:
-        """Add a key, to a new file if there is none.
+        """Add a key to the file, which is created if it is missing.
 
         Raises:
             KeysFileError: the file cannot be read or written.
@@ -185,7 +185,7 @@ class KeysFile:
             self._write([*(self.all() if self._path.exists() else []), key])
 
     def revoke(self, key_id: str, now: datetime) -> AccessKey:
-        """Revoke a key for good; return it.
+        """Revoke a key for good; return the revoked key.
 
         Raises:
             KeysFileError: the file cannot be read or written.
@@ -201,7 +201,7 @@ class KeysFile:
 
     @contextmanager
     def _file_lock(self) -> Iterator[None]:
-        """Hold a lock on the folder: of two who change the file, each finds what the other wrote."""
+        """Lock the file's folder, so that two processes do not overwrite each other's changes."""
         try:
             folder = os.open(self._path.parent, os.O_RDONLY)
         except OSError as error:
@@ -213,7 +213,7 @@ class KeysFile:
             os.close(folder)
 
     def _write(self, keys: list[AccessKey]) -> None:
-        """Replace the file at once: a service that reads it meanwhile finds the old or the new one."""
+        """Replace the file in one step: a service that reads it meanwhile gets the old or the new content."""
         entries = [{name: asdict(key)[name] for name in _STORED} for key in keys]
         text = json.dumps(
             _Document.model_validate({"keys": entries}).model_dump(mode="json"), indent=1, ensure_ascii=False
@@ -235,50 +235,53 @@ class KeysFile:
 
 
 class Keyring:
-    """The keys of a store and of a file, as they were last looked at."""
+    """Keys of the database and of a file, as the last `look` found them."""
 
     def __init__(self, store: Store, file: Path | None = None) -> None:
-        """Know no key until `look` is called.
+        """Begin without keys; `look` reads them.
 
         Args:
-            store: its keys open the service.
-            file: and those of this file, if there is one.
+            store: store whose keys open the service.
+            file: path of a file whose keys open the service, too; None without a file.
         """
         self._store = store
         self._file = None if file is None else KeysFile(file)
         self._stored = _NONE
         self._filed = _NONE
-        self._gone: set[str] = set()
-        self._is_broken = False
+        self._gone: set[str] = set()  # ids that left the file, whose sessions are not ended yet
+        self._is_broken = False  # whether the last look could not read the file
         self._looking = threading.Lock()
 
     def look(self) -> None:
-        """Look at the keys again. A file that is gone or became unreadable has no keys.
+        """Read the keys again; end the sessions of keys that left the file.
+
+        A file that is missing or cannot be read counts as a file without keys.
 
         Raises:
             StoreError: the database does not answer.
         """
-        with self._looking:  # a look that began before a change must not end after one that saw it
+        with self._looking:  # an older look must not overwrite what a newer one found
             if self._file is not None:
-                before, self._filed = self._ids_in_file(), self._in_file(self._file)
-                self._gone |= before - self._ids_in_file()
-                if self._gone:  # their sessions and links must not come to life again with the file
+                ids_before, self._filed = self._valid_ids_in_file(), self._read_file(self._file)
+                self._gone |= ids_before - self._valid_ids_in_file()
+                if self._gone:  # or their sessions would be valid again if the file came back
                     self._store.sessions.end_of(sorted(self._gone))
                     self._gone.clear()
             self._stored = {key.id: key for key in self._store.keys.all()}
 
-    def _ids_in_file(self) -> set[str]:
-        """Return the ids of the keys in the file that open the service."""
+    def _valid_ids_in_file(self) -> set[str]:
+        """Return the ids of the keys in the file that are valid now."""
         now = datetime.now(UTC)
         return {key.id for key in self._filed.values() if key.is_live(now)}
 
-    def _in_file(self, file: KeysFile) -> Mapping[str, AccessKey]:
+    def _read_file(self, file: KeysFile) -> Mapping[str, AccessKey]:
+        """Return the keys in the file by id; none if the file cannot be read, which is logged once."""
         try:
             filed = {key.id: key for key in file.all()}
             self._is_broken = False
         except KeysFileError as error:
-            filed = {}  # who takes the file away takes its keys away
-            if not self._is_broken:  # not at each look again
+            filed = {}  # removing the file revokes its keys
+            if not self._is_broken:  # logged once, not at every look
                 _logger.error("%s", error.reason)  # noqa: TRY400 - the reason is all there is
             self._is_broken = True
         return filed
@@ -287,7 +290,7 @@ class Keyring:
         """Read the file of keys for the first time.
 
         Raises:
-            KeysFileError: there is no such file, or it is none.
+            KeysFileError: the file is missing, or is not a file of keys.
         """
         if self._file is not None:
             self._filed = {key.id: key for key in self._file.all()}
@@ -298,17 +301,17 @@ class Keyring:
         return any(key.is_live(now) for key in (*self._stored.values(), *self._filed.values()))
 
     def find(self, key_id: str) -> AccessKey | None:
-        """Return a key that opens the service now; None if it does not, or no longer."""
+        """Return the key with an id if it is valid now; None if it is unknown, revoked or expired."""
         key = self._key_by_id(key_id)
         return key if key is not None and key.is_live(datetime.now(UTC)) else None
 
     def check(self, text: str) -> AccessKey:
-        """Return the key of a text.
+        """Return the valid key with a secret text.
 
         Raises:
-            KeyRefusedError: it is mistyped, or unknown, or no longer taken.
+            KeyRefusedError: the key is mistyped, unknown, revoked or expired.
         """
-        key = self._key_by_id(id_in(text))
+        key = self._key_by_id(parse_key_id(text))
         is_right = hmac.compare_digest(digest(text), _NOBODY if key is None else key.key_hash)
         if key is None or not is_right:
             raise KeyRefusedError("the key is not one of this service", _OTHER_KEY)
@@ -324,15 +327,15 @@ class Keyring:
         return [*(described(key) for key in self._stored.values()), *filed]
 
     def is_filed(self, key_id: str) -> bool:
-        """Return whether a key is in the file."""
+        """Return whether the file has a key with this id."""
         return key_id in self._filed
 
     def _key_by_id(self, key_id: str) -> AccessKey | None:
-        """Return a key; what the file says of an id counts, as it is the operator's."""
+        """Return the key with an id, from the operator's file or else the database; None if unknown."""
         return self._filed.get(key_id) or self._stored.get(key_id)
 
 
 def described(key: AccessKey, *, is_filed: bool = False) -> Key:
-    """Return a key as it is shown, without its secret."""
+    """Return the message that describes a key, without its secret."""
     fields = {name: getattr(key, name) for name in Key.model_fields.keys() - {"source", "key"}}
     return Key(**fields, source="file" if is_filed else "database")

@@ -17,25 +17,25 @@ from jointstiff.service.store.tables import (
     access_keys,
     access_links,
     access_sessions,
-    of_records,
+    select_fields_of,
     wrong_keys,
 )
 
 KEY: Final = Resource("key", "keys")
 MINUTE: Final = timedelta(minutes=1)
-"""Times of use are kept to the minute: a request more rarely has to write."""
+"""Times of use are kept to the minute, so that most requests need no write."""
 MOST_SESSIONS: Final = 100
-"""Sessions of one key; the one that was used least recently ends when another begins."""
+"""Greatest number of sessions of one key; one more ends the session that was not used for longest."""
 
 FORGET: Final = timedelta(seconds=6)
-"""After so long one wrong key of a network is forgotten."""
+"""Time after which one wrong key of a network no longer counts."""
 MOST_WRONG: Final = 20
-"""Wrong keys of a network that are counted; more cost no write."""
+"""Greatest count of wrong keys of a network; further wrong keys cost no write."""
 MOST_NETWORKS: Final = 1_024
-"""Networks with wrong keys; those that were heard least recently are forgotten first."""
+"""Greatest number of networks with a count; the networks counted longest ago are removed first."""
 
-_KEYS: Final = of_records(access_keys, AccessKey)
-_SESSIONS: Final = of_records(access_sessions, SessionRecord)
+_KEYS: Final = select_fields_of(access_keys, AccessKey)
+_SESSIONS: Final = select_fields_of(access_sessions, SessionRecord)
 
 
 class AccessKeys:
@@ -49,30 +49,30 @@ class AccessKeys:
         self._database.change(sa.insert(access_keys).values(asdict(key)))
 
     def all(self) -> list[AccessKey]:
-        """Return all keys, revoked ones too, in the order in which they came."""
+        """Return all keys, also revoked keys, oldest first."""
         query = _KEYS.order_by(access_keys.c.created_at, access_keys.c.id)
         return [AccessKey(*row) for row in self._database.rows(query)]
 
     def revoke(self, key_id: str, now: datetime) -> AccessKey:
-        """Revoke a key for good, and end its sessions; return it. To do so again changes nothing.
+        """Revoke a key for good, end its sessions, and return the key; a repeated call changes nothing.
 
         Raises:
             NotFoundError: there is no such key.
         """
-        mine = access_keys.c.id == key_id
+        is_key = access_keys.c.id == key_id
         revoking = (
-            sa.update(access_keys).where(mine, access_keys.c.revoked_at.is_(None)).values(revoked_at=now)
+            sa.update(access_keys).where(is_key, access_keys.c.revoked_at.is_(None)).values(revoked_at=now)
         )
         self._database.change(revoking, *_end_sessions([key_id]))
-        for row in self._database.rows(_KEYS.where(mine)):
+        for row in self._database.rows(_KEYS.where(is_key)):
             return AccessKey(*row)
         raise NotFoundError(KEY, key_id)
 
     def used(self, key_id: str, now: datetime) -> None:
-        """Note that a key is used."""
+        """Store the time of the last use of a key, unless a later use is stored."""
         last = access_keys.c.last_used_at
-        mine = sa.update(access_keys).where(access_keys.c.id == key_id, sa.or_(last.is_(None), last < now))
-        self._database.change(mine.values(last_used_at=now))
+        update = sa.update(access_keys).where(access_keys.c.id == key_id, sa.or_(last.is_(None), last < now))
+        self._database.change(update.values(last_used_at=now))
 
 
 class Sessions:
@@ -83,15 +83,15 @@ class Sessions:
 
         Args:
             database: where they are kept.
-            idle: after which an unused session ends.
-            longest: after which every session ends.
+            idle: time after which an unused session ends.
+            longest: time after which every session ends.
         """
         self._database = database
         self._idle = idle
         self._longest = longest
 
     def begin(self, session: SessionRecord) -> None:
-        """Store a new session; remove those that have ended."""
+        """Store a new session; remove ended sessions, and those of the key beyond `MOST_SESSIONS`."""
         columns = access_sessions.c
         kept = (
             sa.select(columns.token_hash)
@@ -100,7 +100,7 @@ class Sessions:
             .limit(MOST_SESSIONS - 1)
         )
         self._database.change(
-            sa.delete(access_sessions).where(~self._lives(session.created_at)),
+            sa.delete(access_sessions).where(~self._alive_condition(session.created_at)),
             sa.delete(access_sessions).where(
                 columns.key_id == session.key_id, columns.token_hash.not_in(kept)
             ),
@@ -108,44 +108,45 @@ class Sessions:
         )
 
     def find(self, token_hash: str, now: datetime) -> SessionRecord | None:
-        """Return a session; None if there is none, or it has ended."""
-        mine = _SESSIONS.where(access_sessions.c.token_hash == token_hash, self._lives(now))
-        return next((SessionRecord(*row) for row in self._database.rows(mine)), None)
+        """Return the session of a token; None if there is no such session, or it has ended."""
+        query = _SESSIONS.where(access_sessions.c.token_hash == token_hash, self._alive_condition(now))
+        return next((SessionRecord(*row) for row in self._database.rows(query)), None)
 
     def used(self, token_hash: str, now: datetime) -> None:
-        """Note that a session is used."""
+        """Store the time of the last use of a session, unless a later use is stored."""
         columns = access_sessions.c
-        mine = sa.update(access_sessions).where(columns.token_hash == token_hash, columns.used_at < now)
-        self._database.change(mine.values(used_at=now))
+        update = sa.update(access_sessions).where(columns.token_hash == token_hash, columns.used_at < now)
+        self._database.change(update.values(used_at=now))
 
     def end(self, token_hash: str) -> None:
-        """End a session; to do so again changes nothing."""
+        """End the session of a token; a repeated call changes nothing."""
         self._database.change(sa.delete(access_sessions).where(access_sessions.c.token_hash == token_hash))
 
     def end_of(self, key_ids: Sequence[str]) -> None:
-        """End all sessions of some keys, and their links."""
+        """End all sessions of some keys, and the links that would begin more."""
         self._database.change(*_end_sessions(key_ids))
 
     def offer(self, token_hash: str, key_id: str, now: datetime, ends_at: datetime) -> None:
-        """Store a link that begins one session of a key; remove those that have ended."""
+        """Store a link that can begin one session of a key until a time; remove links that have ended."""
         link = {"token_hash": token_hash, "key_id": key_id, "ends_at": ends_at}
         ended = sa.delete(access_links).where(access_links.c.ends_at <= now)
         self._database.change(ended, sa.insert(access_links).values(link))
 
     def redeem(self, token_hash: str, now: datetime) -> str | None:
-        """Use a link up; return the id of its key, None if there is no such link, or no longer.
+        """Use up a link and return the id of its key; None if the link is unknown, used or has ended.
 
-        Of two who use it at the same time one gets the key.
+        Of two simultaneous calls one gets the key.
         """
         links = access_links.c
         if not self._database.rows(sa.select(links.key_id).where(links.token_hash == token_hash)):
-            return None  # guesses do not take the writer's turn
+            return None  # guessed links cost only a read, and no other writer waits
         taken = sa.delete(access_links).where(links.token_hash == token_hash)
         with self._database.writing() as connection:
             row = connection.execute(taken.returning(links.key_id, links.ends_at)).one_or_none()
         return str(row.key_id) if row is not None and now < row.ends_at else None
 
-    def _lives(self, now: datetime) -> sa.ColumnElement[bool]:
+    def _alive_condition(self, now: datetime) -> sa.ColumnElement[bool]:
+        """Return the condition of sessions that have not ended at a time."""
         columns = access_sessions.c
         return sa.and_(columns.used_at > now - self._idle, columns.created_at > now - self._longest)
 
@@ -159,15 +160,17 @@ class WrongKeys:
     """Count of the wrong keys of each network, for all services of a database."""
 
     def __init__(self, database: Database, clock: Callable[[sa.Connection], datetime] | None = None) -> None:
-        """Count in a database; its own clock tells the time unless another is given."""
+        """Count in a database; `clock` returns the time on a connection, by default that of the database."""
         self._database = database
         self._now = clock or database.now
 
     def count(self, network: str) -> float:
-        """Count a wrong key; return how many came before, less one for each `FORGET` since then."""
+        """Count a wrong key of a network; return the count before, which falls by one in each `FORGET`."""
         counted = sa.select(wrong_keys).where(wrong_keys.c.network == network)
-        with self._database.reading() as connection:  # a flood does not take the writer's turn
-            before = self._left(connection, counted)
+        with (
+            self._database.reading() as connection
+        ):  # beyond the greatest count a wrong key costs only a read
+            before = self._present_count(connection, counted)
         if before > MOST_WRONG - 1:
             return before
         with self._database.writing() as connection:
@@ -177,12 +180,13 @@ class WrongKeys:
                 newest = sa.select(wrong_keys.c.network).order_by(wrong_keys.c.counted_at.desc())
                 kept = wrong_keys.c.network.in_(newest.limit(MOST_NETWORKS))
                 connection.execute(sa.delete(wrong_keys).where(~kept))
-            before = self._left(connection, counted.with_for_update())
+            before = self._present_count(connection, counted.with_for_update())
             counting = sa.update(wrong_keys).where(wrong_keys.c.network == network)
             connection.execute(counting.values(number=before + 1.0, counted_at=now))
         return before
 
-    def _left(self, connection: sa.Connection, query: sa.Select[Any]) -> float:
+    def _present_count(self, connection: sa.Connection, query: sa.Select[Any]) -> float:
+        """Return the count in the row of a query, reduced by what was forgotten since; 0 without a row."""
         row = connection.execute(query).one_or_none()
         if row is None:
             return 0.0

@@ -40,7 +40,7 @@ _DIALECTS: dict[str, Dialect] = {
 BUSY_SECONDS = 20.0
 """Time that a transaction waits for other writers of SQLite [s]."""
 LOCKED_SECONDS = 1.0
-"""Time that it waits after one that waited in vain, until one gets its turn [s]."""
+"""Time that a transaction waits after another waited in vain, until one gets the lock again [s]."""
 _CONNECTIONS = 16
 _SESSION: Final = MappingProxyType(
     {
@@ -50,7 +50,7 @@ _SESSION: Final = MappingProxyType(
         "idle_in_transaction_session_timeout": 15_000,
     }
 )
-"""What the PostgreSQL server ends by itself [ms]; options in the URL go first."""
+"""Times after which the PostgreSQL server ends waits and statements [ms]; the URL can override them."""
 _LINK: Final = MappingProxyType(
     {
         "connect_timeout": 3,  # s
@@ -60,8 +60,8 @@ _LINK: Final = MappingProxyType(
         "tcp_user_timeout": 10_000,  # ms
     }
 )
-"""When a connection to PostgreSQL counts as lost; parameters in the URL go first."""
-_AWAY_SECONDS: Final = 2.0  # for which nobody asks a server again that gave none
+"""Parameters by which a connection to PostgreSQL counts as lost; the URL can override them."""
+_AWAY_SECONDS: Final = 2.0  # time for which a server that gave no answer is not tried again
 _MENDABLE: Final = frozenset({"42501", "3F000"})  # SQLSTATE: a privilege, or a schema, is missing
 _NO_VALUES: Mapping[str, object] = MappingProxyType({})
 
@@ -76,13 +76,13 @@ class Database:
     """
 
     def __init__(self, dialect: Dialect, reader: sa.Engine, writer: sa.Engine) -> None:
-        self.dialect = dialect  # Which database it is
+        self.dialect = dialect
         self._reader = reader
         self._writer = writer
         # SQLite has one writer at a time, and those who wait for it poll: threads queue here,
         # which halves the time and takes the long waits away.
         self._turns = threading.BoundedSemaphore(1 if dialect == "sqlite" else _CONNECTIONS)
-        self._is_locked = False  # the last one waited in vain: those behind it need not wait as long again
+        self._is_locked = False  # the last writer waited in vain: the next need not wait as long
         self._is_read_only = self._is_closed = False
         self._away_until = 0.0  # monotonic time before which a silent server is not tried again
         sa.event.listen(reader, "checkin", self._keep_or_close)
@@ -95,10 +95,10 @@ class Database:
             url: `sqlite:///path`, `sqlite://` (in memory, gone when closed) or `postgresql://…`.
 
         Raises:
-            StoreError: The URL names no database that we know.
-            StoreUnavailableError: There is no answer.
+            StoreError: The URL is not that of a supported database.
+            StoreUnavailableError: The database does not answer.
         """
-        parsed = _parse(url)
+        parsed = _parse_url(url)
         if _DIALECTS[parsed.drivername] == "sqlite":
             if not _is_in_memory(parsed):
                 make_private(str(parsed.database))
@@ -116,38 +116,38 @@ class Database:
         return database
 
     def close(self) -> None:
-        """Close all connections; one that a thread still uses is closed when it is given back."""
+        """Close all connections; a connection that a thread still uses is closed afterwards."""
         self._is_closed = True
         self._reader.dispose()
 
     def _keep_or_close(self, _: object, record: sa.pool.ConnectionPoolEntry) -> None:
-        """Close a connection that is given back, unless it stays open for the next who needs one.
+        """Close a connection that returns to the pool if the database is closed or was found read-only.
 
-        An SQLite file that could not be written when a connection was opened stays so in this process for
-        new ones, too, until none is left.
+        An SQLite file that was read-only when a connection was opened stays so for new connections of this
+        process, until all are closed.
         """
         if self._is_read_only or self._is_closed:
             record.invalidate()
 
     @contextmanager
     def reading(self) -> Iterator[sa.Connection]:
-        """A connection on which each statement is a transaction of its own."""
-        with self._errors_translated(), self._reader.connect() as connection:
+        """Yield a connection on which each statement is a transaction of its own."""
+        with self._translate_errors(), self._reader.connect() as connection:
             yield connection
 
     @contextmanager
     def writing(self, at_most: float = BUSY_SECONDS) -> Iterator[sa.Connection]:
-        """One transaction: committed at the end of the block, rolled back if it raises.
+        """Yield the connection of one transaction: committed after the block, rolled back if it raises.
 
         Args:
-            at_most: time that it waits for a lock of others, if that is less than usual [s].
+            at_most: time to wait for locks of other transactions, if shorter than usual [s].
 
         Raises:
             StoreUnavailableError: the database does not answer, or others keep it locked.
         """
         patience = min(at_most, LOCKED_SECONDS if self._is_locked else BUSY_SECONDS)
         deadline = time.monotonic() + patience
-        with self._errors_translated():
+        with self._translate_errors():
             if not self._turns.acquire(timeout=patience):
                 self._is_locked |= at_most >= BUSY_SECONDS
                 raise PoolTimeoutError(f"the database has been locked by other writers for {patience:.0f} s")
@@ -157,7 +157,7 @@ class Database:
                     try:
                         transaction = connection.begin()
                     except OperationalError as error:
-                        is_locked = _code(error) == sqlite3.SQLITE_BUSY
+                        is_locked = _sqlite_code(error) == sqlite3.SQLITE_BUSY
                         self._is_locked = is_locked and (self._is_locked or at_most >= BUSY_SECONDS)
                         raise
                     self._is_locked = self._is_read_only = False
@@ -179,15 +179,15 @@ class Database:
             return [connection.execute(statement).rowcount for statement in statements][-1]
 
     def now(self, connection: sa.Connection) -> datetime:
-        """Return the time by the clock that all who use the database share."""
-        if self.dialect == "sqlite":  # they are on this machine
+        """Return the time by the clock that all programs with this database share."""
+        if self.dialect == "sqlite":  # all of them run on this machine
             return datetime.now(UTC)
         now: datetime = connection.execute(sa.select(sa.func.now())).scalar_one()
         return now
 
     @contextmanager
-    def _errors_translated(self) -> Iterator[None]:
-        """Tell a database that is away from mistakes of ours; the store explains broken constraints."""
+    def _translate_errors(self) -> Iterator[None]:
+        """Turn errors of the driver into `StoreUnavailableError`; not broken constraints and our mistakes."""
         if time.monotonic() < self._away_until:
             raise StoreUnavailableError(
                 "the postgresql database does not answer", "check that the server runs, and its address"
@@ -198,11 +198,11 @@ class Database:
             raise
         except (DBAPIError, PoolTimeoutError) as error:
             cause = error.orig if isinstance(error, DBAPIError) else error
-            if _is_mistake(error):
+            if _is_wrong_statement(error):
                 raise  # no outage: the same statement would fail for ever
             if type(cause).__name__ in {"ConnectionTimeout", "SilentServerError"}:
                 self._away_until = time.monotonic() + _AWAY_SECONDS
-            self._is_read_only |= _code(error) == sqlite3.SQLITE_READONLY
+            self._is_read_only |= _sqlite_code(error) == sqlite3.SQLITE_READONLY
             lines = str(cause).strip().splitlines() or [type(cause).__name__]
             raise StoreUnavailableError(
                 f"the {self.dialect} database failed ({lines[0][:200]})",
@@ -215,19 +215,19 @@ class Database:
 
 
 def inserting(connection: sa.Connection, table: sa.Table) -> Any:  # noqa: ANN401 - of either dialect
-    """Return a statement that inserts a row, unless one of its key is there."""
+    """Return a statement that inserts a row, and does nothing if a row with the same key exists."""
     insert = sqlite.insert if connection.dialect.name == "sqlite" else postgresql.insert
     return insert(table).on_conflict_do_nothing()
 
 
 def engine_of(url: str, connections: int) -> sa.Engine:
-    """Return an engine for a library that keeps tables of its own in a database that is open.
+    """Return an engine of SQLAlchemy for a library that keeps its own tables in the same database.
 
     Args:
-        url: of the database.
-        connections: how many at most.
+        url: URL of the database.
+        connections: greatest number of connections.
     """
-    parsed = _parse(url)
+    parsed = _parse_url(url)
     if _DIALECTS[parsed.drivername] == "postgresql":
         return _postgresql_engine(parsed, connections)
     engine = sa.create_engine(parsed, hide_parameters=True, pool_size=connections, max_overflow=0)
@@ -236,13 +236,13 @@ def engine_of(url: str, connections: int) -> sa.Engine:
 
 
 def open_existing(url: str) -> Database:
-    """Connect to a database, which is not made if it is not there.
+    """Connect to a database that exists; none is created.
 
     Raises:
-        StoreError: there is none, or it cannot be used.
+        StoreError: the database does not exist, or cannot be used.
     """
-    parsed = _parse(url)
-    if _DIALECTS[parsed.drivername] == "sqlite" and not path_of(parsed).exists():
+    parsed = _parse_url(url)
+    if _DIALECTS[parsed.drivername] == "sqlite" and not sqlite_path_of(parsed).exists():
         raise StoreError(f"there is no database {parsed.database}", _URLS)
     return Database.open(url)
 
@@ -252,12 +252,12 @@ def _is_in_memory(url: sa.URL) -> bool:
 
 
 def refuse_in_memory(url: str) -> None:
-    """Refuse a database in the memory of one process, as workers are others.
+    """Refuse an SQLite database in memory, which workers, being other processes, cannot share.
 
     Raises:
-        StoreError: it is one.
+        StoreError: the URL is that of a database in memory.
     """
-    parsed = _parse(url)
+    parsed = _parse_url(url)
     if _DIALECTS[parsed.drivername] == "sqlite" and _is_in_memory(parsed):
         raise StoreError(
             "an in-memory database cannot be shared with workers",
@@ -265,18 +265,19 @@ def refuse_in_memory(url: str) -> None:
         )
 
 
-def path_of(url: sa.URL) -> Path:
-    """Return the file of an SQLite database.
+def sqlite_path_of(url: sa.URL) -> Path:
+    """Return the path of the file of an SQLite database.
 
     Raises:
-        StoreError: it is in memory.
+        StoreError: the database is in memory.
     """
     if _is_in_memory(url):
         raise StoreError("a database in memory has no file", _URLS)
     return Path(str(url.database))
 
 
-def _parse(url: str) -> sa.URL:
+def _parse_url(url: str) -> sa.URL:
+    """Parse the URL of a database; raise `StoreError` if it is invalid or not supported."""
     try:
         parsed = sa.make_url(url)
     except (ArgumentError, ValueError) as error:
@@ -289,12 +290,16 @@ def _parse(url: str) -> sa.URL:
 
 
 def make_private(path: str | Path) -> None:
-    """Make the file of a new database, for its owner alone; the files next to it get the same mode."""
-    with suppress(OSError):  # it is there, or SQLite says why it cannot be
+    """Create the file of a new SQLite database, readable by its owner alone.
+
+    SQLite gives the files that it puts next to this file the same mode.
+    """
+    with suppress(OSError):  # the file exists, or SQLite will say why it cannot be created
         os.close(os.open(path, os.O_CREAT | os.O_EXCL, 0o600))
 
 
 def _sqlite_engines(url: sa.URL) -> tuple[sa.Engine, sa.Engine]:
+    """Return the engines of reader and writer for SQLite; they share a pool of connections."""
     in_memory = _is_in_memory(url)
     reader = sa.create_engine(
         url,
@@ -302,7 +307,7 @@ def _sqlite_engines(url: sa.URL) -> tuple[sa.Engine, sa.Engine]:
         isolation_level="AUTOCOMMIT",  # of the driver: `_begin_immediate` begins
         connect_args={"timeout": BUSY_SECONDS, "check_same_thread": False},
         poolclass=sa.QueuePool,
-        # A database in memory is its one connection, which its users take in turn.
+        # A database in memory exists only in its one connection, which all threads share.
         pool_size=1 if in_memory else _CONNECTIONS,
         max_overflow=0,
     )
@@ -313,18 +318,20 @@ def _sqlite_engines(url: sa.URL) -> tuple[sa.Engine, sa.Engine]:
 
 
 def _configure_sqlite(connection: sqlite3.Connection, _record: object) -> None:
+    """Let a new connection write durably and check foreign keys."""
     connection.execute("PRAGMA synchronous=FULL").close()
     connection.execute("PRAGMA foreign_keys=ON").close()
 
 
 def _configure_transactions(connection: sqlite3.Connection, _record: object) -> None:
-    """Let the driver begin transactions as `_begin_immediate` does."""
+    """Configure a new connection whose driver takes the write lock when a transaction begins."""
     _configure_sqlite(connection, _record)
     connection.isolation_level = "IMMEDIATE"
     connection.execute(f"PRAGMA busy_timeout={1000.0 * BUSY_SECONDS:.0f}").close()
 
 
 def _begin_immediate(connection: sa.Connection) -> None:
+    """Begin a transaction with the write lock, within the time `busy_seconds` of the connection."""
     left = connection.get_execution_options()["busy_seconds"]
     is_shorter = left < 0.9 * BUSY_SECONDS
     if is_shorter:
@@ -332,15 +339,18 @@ def _begin_immediate(connection: sa.Connection) -> None:
     try:
         connection.exec_driver_sql("BEGIN IMMEDIATE")
     finally:
-        if is_shorter:  # statements of others, who get this connection next, have their whole time
+        if is_shorter:  # later users of this pooled connection have the usual time again
             connection.exec_driver_sql(f"PRAGMA busy_timeout={1000.0 * BUSY_SECONDS:.0f}")
 
 
 def _switch_to_wal(connection: sa.Connection) -> None:
-    """Let readers and the writer pass each other.
+    """Set SQLite's write-ahead log, with which readers and the writer do not block each other.
 
-    The mode stays with the file. Changing it does not honour the busy timeout, so that a second
-    process opening the same new file must try again.
+    The mode is kept in the file. Setting it ignores the busy timeout, so it is tried until another process
+    that opens the same new file has done so.
+
+    Raises:
+        StoreUnavailableError: the file system does not support it.
     """
     deadline = time.monotonic() + BUSY_SECONDS
     while True:
@@ -348,7 +358,7 @@ def _switch_to_wal(connection: sa.Connection) -> None:
             mode = connection.exec_driver_sql("PRAGMA journal_mode=WAL").scalar_one()
             break
         except OperationalError as error:
-            if _code(error) != sqlite3.SQLITE_BUSY or time.monotonic() > deadline:
+            if _sqlite_code(error) != sqlite3.SQLITE_BUSY or time.monotonic() > deadline:
                 raise
             time.sleep(0.01)
     if mode not in {"wal", "memory"}:
@@ -358,28 +368,30 @@ def _switch_to_wal(connection: sa.Connection) -> None:
         )
 
 
-def _is_mistake(error: Exception) -> bool:
-    """Return whether a statement of ours is wrong, or names what is not there."""
+def _is_wrong_statement(error: Exception) -> bool:
+    """Return whether an error comes from a wrong statement of this program, not from the database's state."""
     if isinstance(error, ProgrammingError):
-        return getattr(error.orig, "sqlstate", None) not in {None, *_MENDABLE}  # None: of the URL
-    return _code(error) == sqlite3.SQLITE_ERROR
+        return getattr(error.orig, "sqlstate", None) not in {None, *_MENDABLE}  # None: the URL is wrong
+    return _sqlite_code(error) == sqlite3.SQLITE_ERROR
 
 
-def _code(error: Exception) -> int:
-    """Return SQLite's code of an error, 0 for others."""
+def _sqlite_code(error: Exception) -> int:
+    """Return the primary result code of SQLite for an error; 0 for any other error."""
     code = getattr(getattr(error, "orig", None), "sqlite_errorcode", 0)
     return code & 0xFF if isinstance(code, int) else 0
 
 
 def _postgresql_engines(url: sa.URL) -> tuple[sa.Engine, sa.Engine]:
+    """Return the engines of reader and writer for PostgreSQL; they share a pool of connections."""
     writer = _postgresql_engine(url, _CONNECTIONS)
     return writer.execution_options(isolation_level="AUTOCOMMIT"), writer
 
 
 def _postgresql_engine(url: sa.URL, connections: int) -> sa.Engine:
+    """Return an engine for PostgreSQL with deadlines; `connections` is the size of its pool."""
     options = " ".join(f"-c {name}={value}" for name, value in _SESSION.items())
     connect_args: dict[str, Any] = {name: value for name, value in _LINK.items() if name not in url.query}
-    connect_args |= {"client_encoding": "utf8", "options": f"{options} {_option_of(url)}"}
+    connect_args |= {"client_encoding": "utf8", "options": f"{options} {_server_options(url)}"}
     engine = sa.create_engine(
         url.set(drivername="postgresql+psycopg"),
         connect_args=connect_args,
@@ -392,19 +404,21 @@ def _postgresql_engine(url: sa.URL, connections: int) -> sa.Engine:
     return engine
 
 
-def _option_of(url: sa.URL) -> str:
-    """Return the options for the server in a URL, which may be given several times."""
+def _server_options(url: sa.URL) -> str:
+    """Return the `options` of a URL as one text; the URL may have several."""
     options = url.query.get("options", ())
     return options if isinstance(options, str) else " ".join(options)
 
 
 def _connect_with_deadlines(_dialect: object, _record: object, arguments: Any, parameters: Any) -> object:  # noqa: ANN401 - as SQLAlchemy has them
+    """Connect to PostgreSQL by a connection that does not wait for ever; called by SQLAlchemy."""
     from jointstiff.service.store.postgresql import PatientConnection  # SQLite does without its driver
 
     return PatientConnection.connect(*arguments, **parameters)
 
 
 def _check_encoding(connection: sa.Connection) -> None:
+    """Raise `StoreError` if a PostgreSQL database is not encoded in UTF-8."""
     encoding = connection.exec_driver_sql("SHOW server_encoding").scalar_one()
     if encoding != "UTF8":
         raise StoreError(
@@ -423,16 +437,16 @@ _SIZES: Final = {
 
 
 class Quota:
-    """Size of a database, and the size that it may have. Safe to use from several threads."""
+    """Size of a database and its greatest allowed size, the quota. Safe to use from several threads."""
 
     def __init__(self, database: Database, most: int | None = None) -> None:
-        """Watch over a database.
+        """Watch the size of a database.
 
         Args:
-            database: which may be used by others, too.
-            most: bytes that it may have; None for any number.
+            database: the database; other programs may use it, too.
+            most: greatest allowed size [bytes]; None for no limit.
         """
-        self.most = most  # bytes that it may have; None for any number
+        self.most = most
         self._database = database
         self._lock = threading.Lock()
         self._used, self._at = 0, -_FRESH_SECONDS
@@ -441,7 +455,7 @@ class Quota:
         """Return the size of the database [bytes], as it was at most a second ago.
 
         Raises:
-            StoreUnavailableError: there is no answer.
+            StoreUnavailableError: the database does not answer.
         """
         with self._lock:
             if time.monotonic() - self._at >= _FRESH_SECONDS:
@@ -451,11 +465,11 @@ class Quota:
             return self._used
 
     def refuse_full(self) -> None:
-        """Do nothing, unless the database has the size that it may have.
+        """Raise an error if the database has reached its quota.
 
         Raises:
-            QuotaError: it has.
-            StoreUnavailableError: there is no answer.
+            QuotaError: the database has reached its quota.
+            StoreUnavailableError: the database does not answer.
         """
         if self.most is not None and (used := self.used()) >= self.most:
             raise QuotaError(used, self.most)

@@ -11,7 +11,12 @@ from typing import Any, Final
 import sqlalchemy as sa
 
 from jointstiff.service.problems import DamagedError, Resource
-from jointstiff.service.store.collection import Collection, derive_anew, name_of, names_of_job
+from jointstiff.service.store.collection import (
+    Collection,
+    mark_campaigns_outdated,
+    names_of_job,
+    value_of_parent,
+)
 from jointstiff.service.store.database import BUSY_SECONDS, Database, Quota, inserting
 from jointstiff.service.store.tables import (
     OPEN_STATES,
@@ -21,7 +26,7 @@ from jointstiff.service.store.tables import (
     job_steps,
     jobs,
     last_campaigns,
-    of_records,
+    select_fields_of,
 )
 
 JOB: Final = Resource("job", "jobs")
@@ -30,22 +35,22 @@ JOB: Final = Resource("job", "jobs")
 JobChanges = Mapping[str, Any]
 """Columns of a job that change until it ends: `state`, `summary` and `document`."""
 
-_done: Final = (
+_done_units: Final = (
     sa.select(sa.func.coalesce(sa.func.sum(job_steps.c.units), 0))
     .where(job_steps.c.job_id == jobs.c.id)
     .scalar_subquery()
     .label("done")
 )
 is_open: Final = jobs.c.state.in_([sa.literal_column(repr(state)) for state in OPEN_STATES])
-"""Whether a job has not ended: in the words of the index of such jobs, which has no parameters."""
+"""Condition of a job that has not ended, in literal values: so the index of such jobs is used."""
 
 
 @dataclass(frozen=True, slots=True)
 class JobStatus:
     """State of a job."""
 
-    state: str  # its state
-    done: int  # units of its work that are done, while it has not ended
+    state: str
+    done: int  # units of its work that are done; 0 once it has ended
 
     @property
     def is_active(self) -> bool:
@@ -54,14 +59,14 @@ class JobStatus:
 
 
 class JobRecords(Collection[JobRecord, JobEntry]):
-    """The jobs of one kind, or of all. Every change of one until it ends is safe to repeat."""
+    """The jobs of one kind, or of all kinds. Every change of a job is safe to repeat until the job ends."""
 
     _ended = (~is_open,)
 
     def __init__(self, database: Database, resource: Resource, quota: Quota) -> None:
         self._kind = sa.true() if resource == JOB else jobs.c.kind == resource.name
         super().__init__(database, resource, jobs, JobRecord, JobEntry, quota, self._kind)
-        self._standings = sa.select(jobs.c.id, jobs.c.state, _done).where(
+        self._status_query = sa.select(jobs.c.id, jobs.c.state, _done_units).where(
             self._kind, jobs.c.id.in_(sa.bindparam("ids", expanding=True))
         )
 
@@ -70,12 +75,12 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         return self.statuses([job_id]).get(job_id)
 
     def statuses(self, job_ids: Iterable[str]) -> dict[str, JobStatus]:
-        """Return state and progress of those of some jobs that exist, by id."""
-        rows = self._database.rows(self._standings, {"ids": list(job_ids)})
+        """Return id → state and progress of jobs; ids without a job are left out."""
+        rows = self._database.rows(self._status_query, {"ids": list(job_ids)})
         return {str(row.id): JobStatus(str(row.state), int(row.done)) for row in rows}
 
     def is_active(self, job_id: str) -> bool:
-        """Return whether there is such a job, and it has not ended."""
+        """Return whether a job exists and has not ended."""
         status = self.status(job_id)
         return status is not None and status.is_active
 
@@ -84,8 +89,8 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         return [str(row.id) for row in self._database.rows(sa.select(jobs.c.id).where(self._kind, is_open))]
 
     def start(self, job_id: str, changes: JobChanges) -> None:
-        """Write that a queued job is running."""
-        queued = sa.update(jobs).where(*self._is(job_id), jobs.c.state == "queued")
+        """Apply changes to a job that starts; nothing happens unless its state is queued."""
+        queued = sa.update(jobs).where(*self._id_conditions(job_id), jobs.c.state == "queued")
         self._database.change(queued.values(**changes))
 
     def end(
@@ -95,48 +100,54 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         changes: Callable[[JobRecord, int], JobChanges],
         at_most: float = BUSY_SECONDS,
     ) -> bool:
-        """End a job, unless it has ended: a job never changes once ended.
+        """End a job and remove the results of its steps; a job that has ended stays as it is.
 
         Args:
-            job_id: its id.
-            state: its final state.
-            changes: return its last form, given the record before and the number of units done.
+            job_id: id of the job.
+            state: final state of the job.
+            changes: function of the stored record and the number of done units; returns columns to change.
             at_most: time to wait for a worker that has the job locked [s].
 
         Returns:
-            Whether it was this call that ended it.
+            Whether this call ended the job.
 
         Raises:
             StoreUnavailableError: the job is locked, or the database does not answer.
         """
-        mine = self._is(job_id)
-        last = of_records(jobs, JobRecord).add_columns(_done).where(*mine)
+        is_job = self._id_conditions(job_id)
+        last = select_fields_of(jobs, JobRecord).add_columns(_done_units).where(*is_job)
         with self._database.writing(at_most) as connection:
-            end = sa.update(jobs).where(*mine, is_open).values(state=state)
+            end = sa.update(jobs).where(*is_job, is_open).values(state=state)
             ended = connection.execute(end).rowcount == 1
-            if ended:  # no one else can end or start it any more
-                with suppress(DamagedError):  # it must not keep workers busy
+            if ended:  # the row is locked now: nobody else can change it
+                with suppress(DamagedError):  # a damaged job ends, too, so that no worker tries it again
                     before = dict(connection.execute(last).one()._mapping)
                     done = int(before.pop("done"))
                     final = changes(JobRecord(**before), done)
-                    connection.execute(sa.update(jobs).where(*mine).values(**final))
+                    connection.execute(sa.update(jobs).where(*is_job).values(**final))
                 connection.execute(sa.delete(job_steps).where(job_steps.c.job_id == job_id))
-                self._touch(connection, job_id)
+                self._mark_campaign_outdated(connection, job_id)
         return ended
 
-    def _copied(self, record: JobRecord, named: Mapping[str, Any]) -> dict[str, str | None]:
+    def _copied_names(self, record: JobRecord, named: Mapping[str, Any]) -> dict[str, str | None]:
+        """Return the names of the job's robot and set, and the text for searches, for a new job."""
         measured = "measurement_set_id"
-        serial_number = name_of(named, measured, "serial_number")
-        return names_of_job(record.name, name_of(named, "robot_id"), name_of(named, measured), serial_number)
+        serial_number = value_of_parent(named, measured, "serial_number")
+        return names_of_job(
+            record.name, value_of_parent(named, "robot_id"), value_of_parent(named, measured), serial_number
+        )
 
-    def _touch(self, connection: sa.Connection, identifier: str) -> None:
-        numbers = sa.select(jobs.c.robot_id).where(*self._is(identifier), jobs.c.trend.is_not(None))
+    def _mark_campaign_outdated(self, connection: sa.Connection, identifier: str) -> None:
+        """Mark the last campaign of a run's robot as outdated; other jobs have no numbers for it."""
+        numbers = sa.select(jobs.c.robot_id).where(
+            *self._id_conditions(identifier), jobs.c.trend.is_not(None)
+        )
         for (robot_id,) in connection.execute(numbers):
-            mine = last_campaigns.c.robot_id == robot_id
-            if not derive_anew(connection, mine):
+            is_robot = last_campaigns.c.robot_id == robot_id
+            if not mark_campaigns_outdated(connection, is_robot):
                 first = inserting(connection, last_campaigns).values(robot_id=robot_id, changes=1)
-                if connection.execute(first).rowcount == 0:  # another one was faster
-                    derive_anew(connection, mine)
+                if connection.execute(first).rowcount == 0:  # another process has inserted the row meanwhile
+                    mark_campaigns_outdated(connection, is_robot)
 
 
 class Steps:
@@ -150,17 +161,17 @@ class Steps:
         self._database = database
 
     def keep(self, job_id: str, span: tuple[int, int], result: bytes) -> bool:
-        """Keep the result of a step, unless a result is kept or the job has ended.
+        """Store the result of a step, unless it has a result already or the job has ended.
 
         Args:
             job_id: id of the job.
             span: first unit of the step, and one past the last.
-            result: what the step computed.
+            result: packed result of the step.
 
         Returns:
-            Whether the job goes on.
+            False if the job has ended, else True.
         """
-        # The lock keeps the job from ending until the row is there: the end would not remove it.
+        # The lock keeps the job from ending until the row is stored; else the end would not remove the row.
         is_active = sa.select(jobs.c.id).where(jobs.c.id == job_id, is_open).with_for_update()
         row = {"job_id": job_id, "start": span[0], "units": span[1] - span[0], "result": result}
         with self._database.writing() as connection:
@@ -170,60 +181,62 @@ class Steps:
         return True
 
     def done(self, job_id: str) -> set[int]:
-        """Return the first units of those steps of a job whose results are kept."""
+        """Return the first unit of each step of a job that has a stored result."""
         rows = self._database.rows(sa.select(job_steps.c.start).where(job_steps.c.job_id == job_id))
         return {int(row.start) for row in rows}
 
     def results(self, job_id: str) -> list[bytes]:
-        """Return the results of the steps of a job, in order."""
-        mine = sa.select(job_steps.c.result).where(job_steps.c.job_id == job_id)
-        return [bytes(row.result) for row in self._database.rows(mine.order_by(job_steps.c.start))]
+        """Return the stored results of the steps of a job, in the order of the steps."""
+        query = sa.select(job_steps.c.result).where(job_steps.c.job_id == job_id)
+        return [bytes(row.result) for row in self._database.rows(query.order_by(job_steps.c.start))]
 
     def others_begun(self, job_id: str) -> int:
-        """Return the number of other jobs than this one that have results and have not ended."""
+        """Return the number of other jobs that have begun, that is have results of steps, and not ended."""
         begun = sa.select(sa.func.count(sa.distinct(job_steps.c.job_id))).where(job_steps.c.job_id != job_id)
         return int(self._database.rows(begun)[0][0])
 
 
 SILENT: Final = timedelta(seconds=30)
-"""A worker not heard of for so long is taken for dead."""
+"""Time without a heartbeat after which a worker counts as dead."""
 
-_FORGET: Final = 100  # silences after which the row of an executor is removed
+_REMOVE_AFTER: Final = 100  # multiple of `SILENT` after which the row of an executor is removed
 
 
 class Heartbeats:
     """Signs of life of the workers of a store."""
 
     def __init__(self, database: Database, clock: Callable[[sa.Connection], datetime] | None = None) -> None:
-        """Keep the beats in a database; its own clock tells the time unless another is given."""
+        """Keep heartbeats in a database; `clock` returns the time, by default that of the database."""
         self._database = database
         self._now = clock or database.now
 
     def beat(self, executor: str) -> list[str]:
-        """Record that an executor lives; return all that live, by the clock of the database alone."""
-        mine = heartbeats.c.executor == executor
+        """Store a heartbeat of an executor (a worker process); return the names of all living executors."""
+        is_executor = heartbeats.c.executor == executor
         with self._database.writing() as connection:
             now = self._now(connection)
-            if connection.execute(sa.update(heartbeats).where(mine).values(beat_at=now)).rowcount == 0:
+            if connection.execute(sa.update(heartbeats).where(is_executor).values(beat_at=now)).rowcount == 0:
                 connection.execute(sa.insert(heartbeats).values(executor=executor, beat_at=now))
             living = self._living(connection, now, SILENT)
-            connection.execute(sa.delete(heartbeats).where(heartbeats.c.beat_at < now - _FORGET * SILENT))
+            connection.execute(
+                sa.delete(heartbeats).where(heartbeats.c.beat_at < now - _REMOVE_AFTER * SILENT)
+            )
         return living
 
     def living(self, silence: timedelta) -> list[str]:
-        """The executors that live, none of them silent for longer than that."""
+        """Return the names of the executors whose last heartbeat is not older than a time, sorted."""
         with self._database.reading() as connection:
             return self._living(connection, self._now(connection), silence)
 
     def silent(self, silence: timedelta) -> dict[str, datetime]:
-        """The executors that were silent for longer than that, with their last beat."""
+        """Return executor → last heartbeat, for executors whose last heartbeat is older than a time."""
         with self._database.reading() as connection:
             old = heartbeats.c.beat_at < self._now(connection) - silence
             rows = connection.execute(sa.select(heartbeats.c.executor, heartbeats.c.beat_at).where(old)).all()
         return {str(row.executor): row.beat_at for row in rows}
 
     def forget(self, executor: str) -> None:
-        """Remove an executor that ends or has ended."""
+        """Remove the heartbeat of an executor that ends or has ended."""
         self._database.change(sa.delete(heartbeats).where(heartbeats.c.executor == executor))
 
     def check_writable(self) -> None:
@@ -235,7 +248,8 @@ class Heartbeats:
         self.beat("")
 
     def _living(self, connection: sa.Connection, now: datetime, silence: timedelta) -> list[str]:
-        # Nor later than now: a clock that was set back would keep the dead alive until it caught up.
+        """Return the names of the executors with a heartbeat at most `silence` before `now`, sorted."""
+        # Heartbeats in the future do not count, either: after a clock was set back, dead workers would live.
         living = heartbeats.c.beat_at.between(now - silence, now + silence)
         named = sa.select(heartbeats.c.executor).where(living, heartbeats.c.executor != "")
         rows = connection.execute(named).all()

@@ -15,15 +15,15 @@ from jointstiff.service.store.tables import RecordPage, Row
 LAST_SEQUENCE: Final = 2**63 - 1
 _MAX_INDEXED: Final = 500
 """Characters of an id or a name: PostgreSQL indexes up to 2704 bytes, schemas allow 200."""
-_MAX_WORD: Final = 150  # characters of a name that a search looks through, so that four of them are indexable
-_BETWEEN: Final = "\x1f"  # two names; no name has it
+_MAX_WORD: Final = 150  # searched characters of a name: four names must fit into an index
+_SEPARATOR: Final = "\x1f"  # between two names; no name has it
 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """Order of a listing, and what it is searched for."""
+    """Order, limit and search of a listing."""
 
-    limit: int  # how many records at most, one or more
+    limit: int  # greatest number of records, one or more
     cursor: str | None = None  # `next` of the page before; none for the first page
     q: str | None = None  # words that are all parts of a name
     sort: str = "-created_at"  # `created_at` or `name`; with a minus downwards
@@ -31,12 +31,12 @@ class Order:
 
     @property
     def is_descending(self) -> bool:
-        """Return whether the last ones come first."""
+        """True if the order is descending."""
         return self.sort.startswith("-")
 
     @property
     def is_by_name(self) -> bool:
-        """Return whether records are sorted by their names."""
+        """True if records are sorted by their names, not by time."""
         return self.sort.removeprefix("-") == "name"
 
 
@@ -48,17 +48,17 @@ def page_of(
     where: Iterable[sa.ColumnElement[bool]],
     order: Order,
 ) -> RecordPage[Row]:
-    """Return one page of a table. Records that are added meanwhile do not disturb the next one.
+    """Return one page of a table. Records that are added meanwhile do not disturb the next page.
 
-    The page is found first, by columns that an index covers, and only its rows are read then.
+    The page is found first by columns of an index alone, and then only its rows are read.
 
     Args:
-        database: of the table.
-        table: with a column `sequence`, and `words` if it can be searched or sorted by name.
-        rows: query of what is shown.
-        record: dataclass of what `rows` returns.
-        where: conditions of the listing.
-        order: of the listing.
+        database: database of the table.
+        table: table with a column `sequence`, and `words` if it can be searched or sorted by name.
+        rows: query of the columns to return.
+        record: dataclass for the rows that `rows` returns.
+        where: conditions that all records must meet.
+        order: order, search and limit of the listing.
 
     Raises:
         CursorError: no page gave this cursor.
@@ -69,8 +69,9 @@ def page_of(
     ordered = [table.c.words, sequence] if order.is_by_name else [sequence]
     page = sa.select(sequence).where(*conditions)
     if order.cursor is not None:
-        page = page.where(_after_record(order, ordered, _last_of(database, table, order)))
+        page = page.where(_after_record(order, ordered, _values_at_cursor(database, table, order)))
     directed = [column.desc() if order.is_descending else column for column in ordered]
+    # One row more than the limit shows whether another page follows.
     page = page.order_by(*directed).limit(sa.bindparam("limit", order.limit + 1, type_=sa.Integer))
     places = [column.label(f"place_{number}") for number, column in enumerate(ordered)]
     query = rows.add_columns(*places).where(sequence.in_(page)).order_by(*directed)
@@ -80,8 +81,8 @@ def page_of(
     total = None
     if order.counted and order.cursor is None:
         total = len(shown)
-        if not is_last:  # what comes before was seen by the search for the page
-            # On `sequence` alone SQLite would look for the rest among the rows; on a sum it takes an index.
+        if not is_last:  # only the rest must be counted, as the rows before it are known
+            # With `sequence` itself SQLite would read the rows of the rest; with a sum it uses the index.
             summed = [*ordered[:-1], sequence + 0]
             rest = sa.select(sa.func.count()).select_from(table).where(*conditions)
             total += int(database.rows(rest.where(_after_record(order, summed, at[-1])))[0][0])
@@ -90,31 +91,31 @@ def page_of(
 
 
 def _search_conditions(database: Database, words: sa.Column[Any], q: str) -> list[sa.ColumnElement[bool]]:
-    """Return the conditions of a search: the longest word first, which the fewest records have."""
+    """Return the conditions of a search for words; the longest word, which is the rarest, comes first."""
     find = sa.func.instr if database.dialect == "sqlite" else sa.func.strpos
-    wanted = sorted(set(_folded(q).split()), key=lambda word: (-len(word), word))
+    wanted = sorted(set(_fold_case(q).split()), key=lambda word: (-len(word), word))
     return [find(words, word) > 0 for word in wanted]
 
 
 def words_of(*names: str | None) -> str:
-    """Return what a search for names looks through; the first of them decides the order by name."""
-    return _BETWEEN.join(_folded(name or "")[:_MAX_WORD] for name in names)
+    """Return the text for the search of names, with case folded; its first name decides the order by name."""
+    return _SEPARATOR.join(_fold_case(name or "")[:_MAX_WORD] for name in names)
 
 
-def _folded(text: str) -> str:
+def _fold_case(text: str) -> str:
     return text.casefold()
 
 
 def _after_record(
     order: Order, ordered: Sequence[sa.ColumnElement[Any]], last: tuple[object, ...]
 ) -> sa.ColumnElement[bool]:
-    """Return the condition of what comes after a record, given its values in the columns of the order."""
+    """Return the condition of the records after one, given its values `last` in the columns `ordered`."""
     columns, place = sa.tuple_(*ordered), sa.tuple_(*last)
     return columns < place if order.is_descending else columns > place
 
 
-def _last_of(database: Database, table: sa.Table, order: Order) -> tuple[object, ...]:
-    """Return the values of the last record of the page before, in the columns of the order."""
+def _values_at_cursor(database: Database, table: sa.Table, order: Order) -> tuple[object, ...]:
+    """Return the values of the record at the cursor in the columns by which the listing is ordered."""
     cursor = order.cursor or ""
     sequence = parse_cursor(cursor)
     if not order.is_by_name:
@@ -125,7 +126,7 @@ def _last_of(database: Database, table: sa.Table, order: Order) -> tuple[object,
 
 
 def parse_cursor(cursor: str) -> int:
-    """Return the number in the cursor of a page.
+    """Return the sequence number that the cursor of a page holds.
 
     Raises:
         CursorError: no page gave this cursor.
@@ -138,7 +139,7 @@ def parse_cursor(cursor: str) -> int:
 
 
 def is_indexable(text: str) -> bool:
-    """Return whether both databases can hold a text in an index; what they cannot hold is not there."""
+    """Return whether both databases can hold a text in an index; no stored id or name is another text."""
     if len(text) > _MAX_INDEXED or "\x00" in text:
         return False
     try:

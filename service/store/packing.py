@@ -15,17 +15,17 @@ from pydantic_core import to_json
 from jointstiff.service.problems import DamagedError
 
 MOST_BYTES: Final = 512 * 1024 * 1024
-"""Size of what is unpacked, at most; no request is half as large."""
+"""Greatest size of an unpacked document [bytes]; no request is half as large."""
 _NUMBER: Final = re.compile(r"(?<=[\[,:])(-?\d+(?:\.\d+(?:e-?\d+)?|e-?\d+))(?=[\],}])", re.ASCII)
-_PLACE: Final = "\x00"  # of a number; JSON texts have none
-_LEVEL: Final = 6
+_PLACE: Final = "\x00"  # replaces a number; JSON texts have no such character
+_LEVEL: Final = 6  # level of compression
 
 
 def pack_text(text: str) -> bytes:
-    """Compress a text; that of a run to a quarter, as two thirds of it are digits at random.
+    """Compress a text; the JSON of a run shrinks to a quarter.
 
-    Numbers of JSON become IEEE doubles in a stream of their own, if a double is written as the same digits.
-    The words of runs, field names for the most part, are known in advance (`dictionary.txt`).
+    Numbers of JSON are stored as IEEE doubles in a second stream, if all of them read back as the same text.
+    Frequent words, mostly names of fields, are known in advance (`dictionary.txt`).
     """
     pieces = _NUMBER.split(text)  # every second one is a number
     numbers = list(map(float, pieces[1::2]))
@@ -39,7 +39,7 @@ def unpack_text(packed: bytes) -> str:
     """Return the text that `pack_text` compressed.
 
     Raises:
-        DamagedError: it is damaged, or larger than any text of ours.
+        DamagedError: the content is damaged, or larger than `MOST_BYTES`.
     """
     words, packed_doubles = _unpack_first(packed)
     if not packed_doubles:
@@ -52,28 +52,33 @@ def unpack_text(packed: bytes) -> str:
 
 
 def unpack_bytes(packed: bytes) -> bytes:
-    """Return the bytes that were compressed.
+    """Decompress bytes.
 
     Raises:
-        DamagedError: they are damaged, or more than `MOST_BYTES`.
+        DamagedError: the content is damaged, or larger than `MOST_BYTES`.
     """
     return _unpack_first(packed)[0]
 
 
 def _pack_words(words: str) -> bytes:
+    """Compress a text with the dictionary of frequent words."""
     stream = zlib.compressobj(_LEVEL, zdict=_dictionary())
     return stream.compress(words.encode()) + stream.flush()
 
 
 @cache
 def _dictionary() -> bytes:
-    """Return the words of runs, which packed texts refer to; another dictionary is another layout."""
+    """Return the dictionary of zlib: frequent words. A changed dictionary cannot read earlier texts."""
     lines = Path(__file__).with_name("dictionary.txt").read_text(encoding="utf-8").splitlines()
     return "".join(lines).replace("#", _PLACE).encode()
 
 
 def _unpack_first(packed: bytes) -> tuple[bytes, bytes]:
-    """Return what the first stream has, and the streams behind it."""
+    """Decompress the first stream of zlib; return its content, and the bytes after it.
+
+    Raises:
+        DamagedError: the stream is damaged, or its content larger than `MOST_BYTES`.
+    """
     stream = zlib.decompressobj(zdict=_dictionary())
     try:
         content = stream.decompress(packed, MOST_BYTES)
@@ -85,41 +90,41 @@ def _unpack_first(packed: bytes) -> tuple[bytes, bytes]:
 
 
 def _format_numbers(numbers: list[float]) -> list[str]:
-    """Return numbers as pydantic writes them, which wrote all documents."""
+    """Return numbers as texts in the form in which pydantic wrote them in the documents."""
     return to_json(numbers)[1:-1].decode().split(",") if numbers else []
 
 
 class PackedText(sa.TypeDecorator[str]):
-    """A text, compressed."""
+    """Column type for texts that are stored compressed."""
 
     impl = sa.LargeBinary
     cache_ok = True
 
     def process_bind_param(self, value: str | None, _: sa.Dialect) -> bytes | None:
-        """Compress a text."""
+        """Compress a text for the database."""
         return None if value is None else pack_text(value)
 
     def process_result_value(self, value: Any | None, _: sa.Dialect) -> str | None:  # noqa: ANN401 - of either driver
-        """Read it back."""
+        """Decompress a text from the database."""
         return None if value is None else unpack_text(bytes(value))
 
 
 class PackedBytes(sa.TypeDecorator[bytes]):
-    """Bytes, compressed."""
+    """Column type for bytes that are stored compressed."""
 
     impl = sa.LargeBinary
     cache_ok = True
 
     def process_bind_param(self, value: bytes | None, _: sa.Dialect) -> bytes | None:
-        """Compress them."""
+        """Compress bytes for the database."""
         return None if value is None else zlib.compress(value, _LEVEL)
 
     def process_result_value(self, value: Any | None, _: sa.Dialect) -> bytes | None:  # noqa: ANN401 - of either driver
-        """Read them back."""
+        """Decompress bytes from the database."""
         return None if value is None else unpack_bytes(bytes(value))
 
 
 Document = Annotated[str, PackedText()]
-"""A field with a text that no list shows; its column is compressed, and comes after all others."""
+"""Field for a text that no listing shows; its column is compressed, and comes after all others."""
 Content = Annotated[bytes, PackedBytes()]
-"""A field with bytes that no list shows."""
+"""Field for bytes that no listing shows; its column is compressed, and comes after all others."""

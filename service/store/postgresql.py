@@ -8,7 +8,7 @@ import psycopg
 from psycopg import errors
 
 ANSWER_SECONDS: Final = 5.5
-"""Time for an answer [s]: a little more than the server has for a statement, as it may be frozen itself."""
+"""Time to wait for an answer [s]: a little more than the time after which the server ends a statement."""
 
 
 class SilentServerError(psycopg.OperationalError):
@@ -19,10 +19,10 @@ class PatientConnection(psycopg.Connection[Any]):
     """A connection that is closed once the server has not answered for `ANSWER_SECONDS`."""
 
     def wait(self, gen: Any, interval: float = 0.1, timeout: float | None = None) -> Any:  # noqa: ANN401 - as psycopg has it
-        """Wait for an answer.
+        """Wait for the server's answer, for `ANSWER_SECONDS` by default; without one close the connection.
 
         Raises:
-            SilentServerError: there was none in time.
+            SilentServerError: the server did not answer in time.
         """
         try:
             return super().wait(gen, interval, ANSWER_SECONDS if timeout is None else timeout)

@@ -36,60 +36,59 @@ from jointstiff.service.store.tables import (
     live_entries,
     make_tables,
     measurement_sets,
-    of_records,
     open_sets,
     robots,
+    select_fields_of,
 )
 
 SESSION_IDLE: Final = timedelta(hours=8)
-"""A session that is not used for so long has ended."""
+"""Time without use after which a session has ended."""
 SESSION_LONGEST: Final = timedelta(days=7)
-"""Every session has ended after so long."""
+"""Time after which every session has ended."""
 
 _PING = sa.select(robots.c.id).limit(1)
-"""Reads a table of ours: a bare `SELECT 1` would not touch the file of an SQLite database."""
+"""Query of a table of the store: a bare `SELECT 1` would not read the file of an SQLite database."""
 
 
 class Store:
-    """Robots, measurement sets and jobs, kept. Safe to use from several threads."""
+    """Store of robots, measurement sets and jobs in a database. Safe to use from several threads."""
 
     def __init__(self, database: Database, most_bytes: int | None = None) -> None:
         self._database = database
-        self.quota = Quota(database, most_bytes)  # size that the database may have
-        self.robots = Robots(database, self.quota)  # the robots
-        # the measurement sets
+        self.quota = Quota(database, most_bytes)
+        self.robots = Robots(database, self.quota)
         self.sets = MeasurementSets(
             database, MEASUREMENT_SET, measurement_sets, MeasurementSetRecord, MeasurementSetEntry, self.quota
         )
-        # those that are measured live, and what was read of each
+        # sets that are measured live, and the entries of their records
         self.open_sets = OpenSets(
             database, MEASUREMENT_SET, open_sets, OpenSetRecord, OpenSetRecord, self.quota
         )
         self.live_entries = LiveEntries(database, live_entries, LiveEntry, self.quota)
-        # the jobs of a kind
+        # function that returns the jobs of a kind
         self.jobs: Callable[[Resource], JobRecords] = cache(
             lambda kind: JobRecords(database, kind, self.quota)
         )
-        self.steps = Steps(database)  # results of their steps, until they end
+        self.steps = Steps(database)  # results of the steps of jobs, until the jobs end
         self.heartbeats = Heartbeats(database)  # of the workers
-        self.keys = AccessKeys(database)  # that let their holders in
-        # of browsers that signed in with a key
+        self.keys = AccessKeys(database)
+        # sessions of browsers that signed in with a key
         self.sessions = Sessions(database, SESSION_IDLE, SESSION_LONGEST)
-        self.wrong_keys = WrongKeys(database)  # by the networks that sent them
-        self.audit = Journal(database, audit, AuditEntry, None)  # who tried to change what
+        self.wrong_keys = WrongKeys(database)  # counts by network
+        self.audit = Journal(database, audit, AuditEntry, None)  # all attempts to change something
 
     @classmethod
     def open(cls, url: str, most_bytes: int | None = None) -> Store:
-        """Open the database at `url` and bring it to the version of this software.
+        """Open the database at `url`; create the tables if it has none.
 
         Args:
             url: `sqlite:///path`, `postgresql://…`, or `sqlite://` for a database in memory, whose
                 users wait for each other and which is gone when closed.
-            most_bytes: size of the database from which on nothing more is added; None for any.
+            most_bytes: size of the database at which nothing more is added; None for no limit.
 
         Raises:
-            StoreError: The URL, or the version of the database, is not one we can work with.
-            StoreUnavailableError: There is no answer.
+            StoreError: The URL is not supported, or the tables are those of another version.
+            StoreUnavailableError: The database does not answer.
         """
         database = Database.open(url)
         try:
@@ -118,30 +117,32 @@ class Store:
         return None if found is None else str(found)
 
     def open_jobs(self, kinds: Ids[str]) -> dict[str, str]:
-        """Return the jobs of some kinds that have not ended: id → name of the kind."""
-        going = sa.select(jobs.c.id, jobs.c.kind).where(jobs.c.kind.in_(kinds), is_open)
-        return {str(row.id): str(row.kind) for row in self._database.rows(going)}
+        """Return id → name of the kind, of the jobs of some kinds that have not ended."""
+        unfinished = sa.select(jobs.c.id, jobs.c.kind).where(jobs.c.kind.in_(kinds), is_open)
+        return {str(row.id): str(row.kind) for row in self._database.rows(unfinished)}
 
     def going_on(self, job_ids: Ids[str]) -> set[str]:
-        """Return the ids of those of some jobs that have not ended, of whatever kind."""
-        going = sa.select(jobs.c.id).where(jobs.c.id.in_(job_ids), is_open)
-        return {str(row.id) for row in self._database.rows(going)}
+        """Return which of some jobs, given by their ids, have not ended."""
+        unfinished = sa.select(jobs.c.id).where(jobs.c.id.in_(job_ids), is_open)
+        return {str(row.id) for row in self._database.rows(unfinished)}
 
     def runs_with_numbers(self, robot_id: str, most: int) -> list[TrendEntry]:
-        """Return the newest runs of a robot that a trend may read, newest first."""
-        mine = [jobs.c.robot_id == robot_id, jobs.c.trend.is_not(None), jobs.c.deleted_at.is_(None)]
-        newest = of_records(jobs, TrendEntry).where(*mine).order_by(jobs.c.sequence.desc()).limit(most)
+        """Return the newest runs of a robot that have numbers for a trend, newest first."""
+        conditions = [jobs.c.robot_id == robot_id, jobs.c.trend.is_not(None), jobs.c.deleted_at.is_(None)]
+        newest = (
+            select_fields_of(jobs, TrendEntry).where(*conditions).order_by(jobs.c.sequence.desc()).limit(most)
+        )
         return [TrendEntry(*row) for row in self._database.rows(newest)]
 
     def sets_of(self, robot_id: str) -> list[MeasurementSetEntry]:
-        """Return the sets of a robot, newest first."""
+        """Return the entries of a robot's measurement sets, newest first; without deleted sets."""
         sets = measurement_sets.c
-        mine = of_records(measurement_sets, MeasurementSetEntry).where(sets.robot_id == robot_id)
-        shown = mine.where(sets.deleted_at.is_(None)).order_by(sets.sequence.desc())
+        query = select_fields_of(measurement_sets, MeasurementSetEntry).where(sets.robot_id == robot_id)
+        shown = query.where(sets.deleted_at.is_(None)).order_by(sets.sequence.desc())
         return [MeasurementSetEntry(**row._mapping) for row in self._database.rows(shown)]
 
     def transaction(self) -> AbstractContextManager[sa.Connection]:
-        """Return one transaction, for what the store and the engine write together."""
+        """Return a context manager of one transaction, in which store and job engine write together."""
         return self._database.writing()
 
     def schema(self) -> str | None:
@@ -151,13 +152,10 @@ class Store:
         return str(self._database.rows(sa.select(sa.func.current_schema()))[0][0])
 
     def ping(self) -> Dialect:
-        """Ask the database for something of ours.
-
-        Returns:
-            Which database it is.
+        """Read from the database to check that it answers; return its dialect.
 
         Raises:
-            StoreUnavailableError: There is no answer.
+            StoreUnavailableError: The database does not answer.
         """
         with self._database.reading() as connection:
             connection.execute(_PING)

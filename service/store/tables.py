@@ -32,12 +32,12 @@ class RobotRow:
     created_at: datetime  # aware, UTC, to the microsecond; so are all times of this module
     content_hash: str
     summary: dict[str, Any] = field(default_factory=dict, kw_only=True)
-    """What a listing shows that is no column."""
+    """Fields of a listing that have no column of their own."""
 
 
 @dataclass(frozen=True, slots=True)
 class RobotEntry(RobotRow):
-    """A robot in a listing, with its last campaign as it was derived; none before its first run."""
+    """A robot in a listing, with its last campaign as derived from its runs; None before its first run."""
 
     changes: int | None
     derived: int | None
@@ -45,7 +45,7 @@ class RobotEntry(RobotRow):
 
     @property
     def is_current(self) -> bool:
-        """Return whether the last campaign was derived after the last change of its runs and sets."""
+        """True if the last campaign was derived after the last change of the robot's runs and sets."""
         return self.changes == self.derived
 
 
@@ -59,7 +59,7 @@ class RobotRecord(RobotRow):
 
 @dataclass(frozen=True, slots=True)
 class LastCampaignRecord:
-    """The last campaign of a robot with runs, derived from them and their sets once it is listed."""
+    """The last campaign of a robot, derived from its runs and their sets when the robot is listed."""
 
     robot_id: str
     changes: int  # of the robot's runs and their sets, counted
@@ -93,13 +93,13 @@ class MeasurementSetRecord(MeasurementSetEntry):
     """A measurement set with its readings."""
 
     document: Document
-    """JSON text of everything but the observations; what is a column, too, is that of the column."""
+    """JSON text without the observations; a field that is also a column has the value of the column."""
     arrays: Content  # the observations' numbers (npz), which the store does not look into
 
 
 @dataclass(frozen=True, slots=True)
 class OpenSetRecord:
-    """A measurement set that is measured live, as it was declared. Its readings are entries of a journal."""
+    """Declaration of a measurement set that is measured live. Its readings are entries of a journal."""
 
     id: str  # and of the measurement set that it becomes
     robot_id: str
@@ -112,7 +112,7 @@ class OpenSetRecord:
 
 @dataclass(frozen=True, slots=True)
 class LiveEntry:
-    """An entry in the record of an open set: a reading, or what became of one. One of each kind and label."""
+    """An entry in the record of an open set: an observation, or a decision. One of each kind and label."""
 
     set_id: str
     change: str  # `observation`, `withdrawn`, `kept`, `skipped` or `closed`
@@ -139,12 +139,12 @@ class JobRow:
     elasticity: str | None
     verdict: str | None
     summary: dict[str, Any]
-    """What a listing shows that is no column."""
+    """Fields of a listing that have no column of their own."""
 
 
 @dataclass(frozen=True, slots=True)
 class JobEntry(JobRow):
-    """A job in a listing, with names that are now those of its robot and of its first set."""
+    """A job in a listing, with the present names of its robot and its first measurement set."""
 
     robot_name: str | None
     measurement_set_name: str | None
@@ -162,7 +162,7 @@ class JobRecord(JobRow):
 
 @dataclass(frozen=True, slots=True)
 class TrendEntry:
-    """A run that has numbers, as a trend reads it."""
+    """A run with the numbers that a trend needs."""
 
     id: str
     created_at: datetime
@@ -193,7 +193,7 @@ class AccessKey:
     last_used_at: datetime | None  # to the minute
 
     def is_live(self, now: datetime) -> bool:
-        """Return whether it opens the service at a time."""
+        """Return whether the key is valid at a time: neither revoked nor expired."""
         return self.revoked_at is None and (self.expires_at is None or now < self.expires_at)
 
 
@@ -259,13 +259,13 @@ metadata = sa.MetaData(
 
 
 class UtcDateTime(sa.TypeDecorator[datetime]):
-    """An aware time, UTC on both databases: SQLite has no time zones, PostgreSQL has its own."""
+    """Column type for times with a time zone, stored as UTC: SQLite has no time zones, PostgreSQL its own."""
 
     impl = sa.DateTime(timezone=True)
     cache_ok = True
 
     def process_bind_param(self, value: datetime | None, _: sa.Dialect) -> datetime | None:
-        """Turn an aware time into UTC."""
+        """Convert a time with a time zone to UTC; raise ValueError for a time without."""
         if value is None:
             return None
         if value.tzinfo is None:
@@ -273,7 +273,7 @@ class UtcDateTime(sa.TypeDecorator[datetime]):
         return value.astimezone(UTC)
 
     def process_result_value(self, value: datetime | None, _: sa.Dialect) -> datetime | None:
-        """Read UTC back."""
+        """Return a stored time in UTC."""
         if value is None:
             return None
         return value.astimezone(UTC) if value.tzinfo else value.replace(tzinfo=UTC)
@@ -298,12 +298,12 @@ _TYPES: Final[Mapping[Any, type[TypeEngine[Any]] | TypeEngine[Any]]] = MappingPr
 
 
 def _columns(record: type, references: Mapping[str, str], key: str | None = None) -> list[sa.Column[Any]]:
-    """Return a column for each field of a record.
+    """Return a column for each field of a dataclass.
 
     Args:
-        record: dataclass.
-        references: column → column of another table.
-        key: the primary key, if it is a field.
+        record: the dataclass.
+        references: name of a column → column of another table to which it refers.
+        key: name of the field that is the primary key; None if no field is.
     """
     hints = get_type_hints(record, include_extras=True)
     return [
@@ -320,23 +320,23 @@ def _columns(record: type, references: Mapping[str, str], key: str | None = None
     ]
 
 
-def _numbered(
+def _make_numbered_table(
     name: str,
     record: type,
     *further: sa.Column[Any],
     references: Mapping[str, str] = MappingProxyType({}),
     indexes: Iterable[sa.Index],
 ) -> sa.Table:
-    """Make a table of records in the order of `sequence`.
+    """Return a table of records with the primary key `sequence`, a growing number.
 
-    Documents are the last columns: SQLite walks through a document to what comes after it.
+    Documents are the last columns: SQLite has to read a document to reach the columns after it.
 
     Args:
-        name: of the table.
-        record: dataclass whose fields are its columns.
-        further: columns that are not shown.
-        references: column → column of another table.
-        indexes: of the table.
+        name: name of the table.
+        record: dataclass whose fields are columns.
+        further: columns that are no fields.
+        references: name of a column → column of another table to which it refers.
+        indexes: indexes of the table.
     """
     columns = [*_columns(record, references), *further]
     return sa.Table(
@@ -354,21 +354,21 @@ def _numbered(
 
 
 def _index(name: str, *columns: str, where: str | None = None) -> sa.Index:
-    """Return an index of rows on some condition: by some columns, then in the order of `sequence`."""
+    """Return an index by some columns, then `sequence`; only of rows that meet `where`, if given."""
     condition = None if where is None else sa.text(where)
     ordered = columns if "sequence" in columns else (*columns, "sequence")
     return sa.Index(f"ix_{name}", *ordered, sqlite_where=condition, postgresql_where=condition)
 
 
-def _listed(name: str, *columns: str, covering: Iterable[str] = ()) -> list[sa.Index]:
-    """Return the indexes by which a page of a listing is found without the rows, by time and by name.
+def _listing_indexes(name: str, *columns: str, covering: Iterable[str] = ()) -> list[sa.Index]:
+    """Return two indexes, by time and by name, that alone suffice to find a page of a listing.
 
     Args:
-        name: of both indexes.
-        columns: which narrow the listing.
-        covering: columns by which it may be narrowed further.
+        name: first part of the names of both indexes.
+        columns: columns by which the listing is always filtered.
+        covering: columns by which the listing may be filtered, too.
     """
-    # SQLite looks at the row for a column of the condition that the index does not have.
+    # For a column of a condition that is not in the index SQLite would read the row.
     covered = [*covering, "deleted_at"]
     return [
         _index(f"{name}_listed", *columns, "sequence", *covered, "words", where=VISIBLE),
@@ -376,11 +376,13 @@ def _listed(name: str, *columns: str, covering: Iterable[str] = ()) -> list[sa.I
     ]
 
 
-def _deleted(name: str) -> sa.Index:
+def _deletion_index(name: str) -> sa.Index:
+    """Return the index of deleted rows by the time of their deletion."""
     return _index(f"{name}_deleted_at", "deleted_at", where="deleted_at IS NOT NULL")
 
 
-def _further(*columns: sa.Column[Any]) -> list[sa.Column[Any]]:
+def _with_listing_columns(*columns: sa.Column[Any]) -> list[sa.Column[Any]]:
+    """Return some columns, and the two for search and deletion that every listed table has."""
     return [
         *columns,
         sa.Column("words", NAMES, nullable=False),  # names that a search looks through, and the order by name
@@ -389,26 +391,26 @@ def _further(*columns: sa.Column[Any]) -> list[sa.Column[Any]]:
 
 
 VISIBLE: Final = "deleted_at IS NULL"
-"""Condition of the rows that listings show; indexes with it serve queries that state it in these words."""
+"""Condition of the rows that listings show; a query must have the same text to use an index with it."""
 OPEN: Final = f"state IN ({', '.join(map(repr, OPEN_STATES))})"
-"""Condition of jobs that have not ended, in the words of its index."""
+"""Condition of jobs that have not ended, as the text of their index."""
 NAMES: Final = sa.String().with_variant(sa.String(collation="C"), "postgresql")
 """Text in the order of its characters, on both databases."""
 
-robots = _numbered(
+robots = _make_numbered_table(
     "robots",
     RobotRecord,
-    *_further(),
+    *_with_listing_columns(),
     indexes=[
-        *_listed("robots"),
-        _deleted("robots"),
+        *_listing_indexes("robots"),
+        _deletion_index("robots"),
         _index("robots_name", "name", where=VISIBLE),
         _index("robots_content_hash", "content_hash", where=VISIBLE),
     ],
 )
 
 DUE: Final = "derived IS NULL OR derived < changes"
-"""Condition of last campaigns that are to be derived anew, in the words of their index."""
+"""Condition of outdated last campaigns, as the text of their index."""
 
 last_campaigns = sa.Table("last_campaigns", metadata, *_columns(LastCampaignRecord, {}, key="robot_id"))
 sa.Index(
@@ -418,14 +420,14 @@ sa.Index(
     postgresql_where=sa.text(DUE),
 )
 
-measurement_sets = _numbered(
+measurement_sets = _make_numbered_table(
     "measurement_sets",
     MeasurementSetRecord,
-    *_further(sa.Column("robot_name", sa.String)),
+    *_with_listing_columns(sa.Column("robot_name", sa.String)),
     references={"robot_id": "robots.id"},
     indexes=[
-        *_listed("measurement_sets", covering=["encoders"]),
-        _deleted("measurement_sets"),
+        *_listing_indexes("measurement_sets", covering=["encoders"]),
+        _deletion_index("measurement_sets"),
         _index("measurement_sets_robot_id", "robot_id"),
         *(
             _index(f"measurement_sets_{column}", column, where=VISIBLE)
@@ -434,21 +436,25 @@ measurement_sets = _numbered(
     ],
 )
 
-open_sets = _numbered(
+open_sets = _make_numbered_table(
     "open_sets",
     OpenSetRecord,
-    *_further(sa.Column("robot_name", sa.String)),
+    *_with_listing_columns(sa.Column("robot_name", sa.String)),
     references={"robot_id": "robots.id"},
-    indexes=[*_listed("open_sets"), _deleted("open_sets"), _index("open_sets_robot_id", "robot_id")],
+    indexes=[
+        *_listing_indexes("open_sets"),
+        _deletion_index("open_sets"),
+        _index("open_sets_robot_id", "robot_id"),
+    ],
 )
 
 _OF_JOBS: Final = ("state", "verdict", "method", "weighting", "elasticity")
 """Columns with few values by which listings of jobs are narrowed."""
 
-jobs = _numbered(
+jobs = _make_numbered_table(
     "jobs",
     JobRecord,
-    *_further(
+    *_with_listing_columns(
         *(sa.Column(name, sa.String) for name in ("robot_name", "measurement_set_name", "serial_number"))
     ),
     references={
@@ -457,10 +463,10 @@ jobs = _numbered(
         "robot_id": "robots.id",
     },
     indexes=[
-        *_listed("jobs", covering=["kind", *_OF_JOBS]),
+        *_listing_indexes("jobs", covering=["kind", *_OF_JOBS]),
         # By kind, too: to list a kind of few jobs is not to take as long as to list all.
-        *_listed("jobs_kind", "kind", covering=_OF_JOBS),
-        _deleted("jobs"),
+        *_listing_indexes("jobs_kind", "kind", covering=_OF_JOBS),
+        _deletion_index("jobs"),
         _index("jobs_open", "kind", where=OPEN),
         _index("jobs_robot_id", "robot_id", "kind"),
         _index("jobs_measurement_set_id", "measurement_set_id"),
@@ -517,14 +523,16 @@ access_links = sa.Table(
 )
 
 # Journals refer to nothing: they outlive the robots and the runs that they name.
-audit = _numbered("audit", AuditEntry, indexes=[_index("audit_key_id", "key_id")])
-live_entries = _numbered("live_entries", LiveEntry, indexes=[_index("live_entries_set_id", "set_id")])
+audit = _make_numbered_table("audit", AuditEntry, indexes=[_index("audit_key_id", "key_id")])
+live_entries = _make_numbered_table(
+    "live_entries", LiveEntry, indexes=[_index("live_entries_set_id", "set_id")]
+)
 _once = [live_entries.c[name] for name in ("set_id", "change", "label")]
 sa.Index("ix_live_entries_once", *_once, unique=True)
 
 
-def of_records(table: sa.Table, record: type) -> sa.Select[Any]:
-    """Return the query for a record's fields, in their order."""
+def select_fields_of(table: sa.Table, record: type) -> sa.Select[Any]:
+    """Return the query of the columns of a table that are fields of a dataclass, in the fields' order."""
     return sa.select(*(table.c[field.name] for field in fields(record)))
 
 
@@ -533,18 +541,18 @@ layouts = sa.Table("alembic_version", metadata, sa.Column("version_num", sa.Stri
 
 
 def make_tables(database: Database) -> None:
-    """Make the tables of an empty database; safe when several processes do so at once.
+    """Create the tables if the database has none; safe if several processes do so at once.
 
     Raises:
-        StoreError: the database has another layout.
-        StoreUnavailableError: it cannot be changed.
+        StoreError: the database has the tables of another version.
+        StoreUnavailableError: the tables cannot be created.
     """
     with database.reading() as connection:
         if has_tables(connection):
             return
     with database.writing() as connection:
-        if database.dialect == "postgresql":  # SQLite holds its write lock already
-            _wait_for_turn(connection)
+        if database.dialect == "postgresql":  # on SQLite the transaction holds the write lock already
+            _lock_creation(connection)
         if not has_tables(connection):
             try:
                 for table in metadata.sorted_tables:
@@ -575,7 +583,7 @@ _VALUES: Final[Mapping[str, int]] = MappingProxyType(
         **dict.fromkeys(("measurement_set_id", "content_hash"), 50_000),
     }
 )
-"""Number of values of columns; all others have another value in each row."""
+"""Assumed number of different values of columns; all other columns have another value in each row."""
 _FEW: Final = MappingProxyType(
     {
         "ix_jobs_open": 100,
@@ -583,35 +591,36 @@ _FEW: Final = MappingProxyType(
         **{f"ix_{name}_deleted_at": 1_000 for name in ("robots", "measurement_sets", "open_sets", "jobs")},
     }
 )
-"""Rows of the indexes of few rows."""
+"""Assumed number of rows of indexes that have few rows."""
 
 
 def _state_statistics(connection: sa.Connection) -> None:
-    """State how selective each index is in a store of some size.
+    """Write assumed statistics of a store of usual size, by which SQLite chooses among indexes.
 
-    SQLite chooses among indexes by such statistics. If each file had those of its own content, or none, each
-    would be read in its own way.
+    With statistics of their own content, or none, different files would be queried by different plans.
     """
-    connection.exec_driver_sql("ANALYZE")  # makes the table of statistics
+    connection.exec_driver_sql("ANALYZE")  # creates the table of statistics
     for table in metadata.sorted_tables:
         for index in indexes_of(table):
             rows = _FEW.get(str(index.name), _ROWS)
-            alike, left = [], float(rows)
+            # `stat`: the number of rows, then of rows equal in the first column, in the first two, …
+            equal_counts, equal_rows = [], float(rows)
             for column in index.columns:
-                left = max(1.0, left / _VALUES.get(column.name, rows))
-                alike.append(round(left))
-            stated = " ".join(map(str, [rows, *alike]))
+                equal_rows = max(1.0, equal_rows / _VALUES.get(column.name, rows))
+                equal_counts.append(round(equal_rows))
+            statistics = " ".join(map(str, [rows, *equal_counts]))
             connection.exec_driver_sql(
-                "INSERT INTO sqlite_stat1 (tbl, idx, stat) VALUES (?, ?, ?)", (table.name, index.name, stated)
+                "INSERT INTO sqlite_stat1 (tbl, idx, stat) VALUES (?, ?, ?)",
+                (table.name, index.name, statistics),
             )
-    connection.exec_driver_sql("ANALYZE sqlite_schema")  # reads it
+    connection.exec_driver_sql("ANALYZE sqlite_schema")  # lets SQLite read the table of statistics
 
 
-def _wait_for_turn(connection: sa.Connection) -> None:
-    """Wait until no other process makes the tables, until this transaction ends.
+def _lock_creation(connection: sa.Connection) -> None:
+    """Take PostgreSQL's lock for the creation of the tables, which is held until the transaction ends.
 
     Raises:
-        StoreUnavailableError: another one has been making them for a minute.
+        StoreUnavailableError: another process has held the lock for a minute.
     """
     deadline = time.monotonic() + _TURN_SECONDS
     lock = sa.text("SELECT pg_try_advisory_xact_lock(:n)")
@@ -625,10 +634,10 @@ def _wait_for_turn(connection: sa.Connection) -> None:
 
 
 def has_tables(connection: sa.Connection) -> bool:
-    """Return True for a database with the tables of this version, False for one without tables of ours.
+    """Return whether a database has the tables of this version.
 
     Raises:
-        StoreError: it has those of another version.
+        StoreError: the database has the tables of another version.
     """
     if layouts.name not in sa.inspect(connection).get_table_names():
         return False

@@ -19,25 +19,25 @@ if TYPE_CHECKING:
 
 _FORMULA: Final = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20", "\t", "\r")
 """First characters of a text that a spreadsheet takes for a formula, full-width ones in some languages."""
-_WIDEST: Final = 40
+_MAX_WIDTH: Final = 40
 _BLOCK: Final = 4096
 """Rows that are held as text at a time."""
-_SINGLE: Final = 7
+_SINGLE_DIGITS: Final = 7
 """Digits of a number in single precision."""
 
 
-_PARTING: Final = r";\t\n\r\v\f\x1c-\x1e\x85\u2028\u2029"
+_SEPARATORS: Final = r";\t\n\r\v\f\x1c-\x1e\x85\u2028\u2029"
 _FORMULA_BEHIND: Final = re.compile(
-    rf"(?<=[{_PARTING}])(?=(?:[^\S{_PARTING}]|[\"'])*[{re.escape(''.join(_FORMULA))}])"
+    rf"(?<=[{_SEPARATORS}])(?=(?:[^\S{_SEPARATORS}]|[\"'])*[{re.escape(''.join(_FORMULA))}])"
 )
-"""Where a formula begins behind a sign at which a spreadsheet of another language parts cells or rows.
+"""Places where a formula begins after a character at which some spreadsheets separate cells or rows.
 
-That one reads quotation marks differently: cells that they enclose as a whole for others end within them.
+A spreadsheet of another language may separate cells at semicolons or tabs, even within quotation marks.
 """
 
 
 def guarded(value: Value) -> Value:
-    """Return a cell; a text that a spreadsheet would carry out is led by an apostrophe, which it hides."""
+    """Return a cell; an apostrophe is put before a text that a spreadsheet would run as a formula."""
     if not isinstance(value, str):
         return value
     text = _FORMULA_BEHIND.sub("'", value)
@@ -45,33 +45,33 @@ def guarded(value: Value) -> Value:
 
 
 def csv_text(sheet: Sheet) -> str:
-    """Return a sheet as CSV (RFC 4180); what there is no number for is an empty cell."""
+    """Return a sheet as CSV (RFC 4180); a missing number is an empty cell."""
     return "".join(csv_parts(sheet))
 
 
 def csv_parts(sheet: Sheet) -> Iterator[str]:
-    """Yield the same in parts, so that a large sheet needs little memory."""
+    """Yield a sheet as CSV in parts, so that a large sheet needs little memory."""
     columns = list(sheet.columns.values())
     yield csv_rows([[guarded(header) for header in sheet.columns]])
     for begin in range(0, len(columns[0]) if columns else 0, _BLOCK):
-        cells = [_csv_cells(column[begin : begin + _BLOCK], sheet.digits) for column in columns]
+        cells = [_format_csv_cells(column[begin : begin + _BLOCK], sheet.digits) for column in columns]
         yield csv_rows(zip(*cells, strict=True))
 
 
 def csv_rows(rows: Iterable[Sequence[Value]]) -> str:
-    """Return rows as CSV."""
+    """Return rows of cells as CSV."""
     text = io.StringIO()
     csv.writer(text).writerows(rows)
     return text.getvalue()
 
 
 def rows_of(text: str) -> tuple[list[list[str]], bool]:
-    """Return the rows of cells of a table as people write it, and whether commas part the cells.
+    """Split the text of a table; return its rows of cells, and whether commas separate the cells.
 
-    Cells are parted by semicolons or tabs if the first line has one, else by commas.
+    Cells are separated by semicolons or tabs if the first line has one, else by commas.
 
     Raises:
-        csv.Error: it is no table.
+        csv.Error: the text is not a table.
     """
     delimiter = next((sign for sign in ";\t" if sign in text.partition("\n")[0]), ",")
     rows = csv.reader(io.StringIO(text.removeprefix("\ufeff")), delimiter=delimiter)
@@ -79,7 +79,7 @@ def rows_of(text: str) -> tuple[list[list[str]], bool]:
 
 
 def npz_bytes(sheet: Sheet) -> bytes:
-    """Return a sheet for numpy, to the last digit: `headers`, `table` (rows, columns), each text column."""
+    """Return a sheet as npz in full precision: `headers`, `table` (rows, columns), and each text column."""
     import numpy as np
 
     numeric = {header: column for header, column in sheet.columns.items() if header not in sheet.texts}
@@ -116,7 +116,8 @@ def xlsx_bytes(sheets: Mapping[str, Sheet]) -> bytes:
             page.append([guarded(cell) for cell in row])
         for place, cell in enumerate(page[1], 1):
             cell.font = Font(bold=True)
-            page.column_dimensions[get_column_letter(place)].width = min(len(str(cell.value)) + 2, _WIDEST)
+            width = min(len(str(cell.value)) + 2, _MAX_WIDTH)
+            page.column_dimensions[get_column_letter(place)].width = width
         page.freeze_panes = "B2"
     content = io.BytesIO()
     book.save(content)
@@ -124,28 +125,33 @@ def xlsx_bytes(sheets: Mapping[str, Sheet]) -> bytes:
 
 
 def split_header(header: str) -> tuple[str, str]:
-    """Return name and unit of a header such as `force x [N]`; no unit is empty."""
+    """Return name and unit of a header such as `force x [N]`; the unit is empty if the header has none."""
     name, bracket, unit = header.rpartition(" [")
     return (name, unit.removesuffix("]")) if bracket else (header, "")
 
 
-def _csv_cells(column: Any, digits: str) -> Sequence[Value]:  # noqa: ANN401 - a sequence or an array
-    """Return the cells of a column: NaN is an empty cell."""
-    values = _listed(column)
+def _format_csv_cells(column: Any, digits: str) -> Sequence[Value]:  # noqa: ANN401 - a sequence or an array
+    """Return the cells of a column, numbers formatted by `digits`; NaN and infinity become empty cells."""
+    values = _to_list(column)
     if not digits or not isinstance(next((value for value in values if value is not None), ""), float):
         return [guarded(value) for value in values]
     numbers = [nan if value is None else value for value in values]
-    cells = ("\n".join([f"%{digits}"] * len(numbers)) % tuple(numbers)).split("\n")  # whole columns: fast
+    cells = ("\n".join([f"%{digits}"] * len(numbers)) % tuple(numbers)).split(
+        "\n"
+    )  # one call formats the whole column, which is fast
     return [cell if isfinite(number) else None for cell, number in zip(cells, numbers, strict=True)]
 
 
-def _listed(column: Any) -> list[Any]:  # noqa: ANN401 - a sequence or an array
+def _to_list(column: Any) -> list[Any]:  # noqa: ANN401 - a sequence or an array
+    """Return the values of a column as a list of Python's own types."""
     array: np.ndarray[Any, Any] = column
     if isinstance(column, list | tuple):
         return list(column)
     values: list[Any] = array.tolist()
-    if array.dtype.itemsize == 4 and array.dtype.kind == "f":  # as the decimal numbers that they stand for
-        return [float(f"{value:.{_SINGLE}g}") for value in values]
+    if (
+        array.dtype.itemsize == 4 and array.dtype.kind == "f"
+    ):  # single precision: without digits that the conversion to double adds
+        return [float(f"{value:.{_SINGLE_DIGITS}g}") for value in values]
     return values
 
 
@@ -155,7 +161,7 @@ def json_text(sheet: Sheet) -> str:
         {
             "name": name,
             "unit": unit,
-            "values": [None if isinstance(v, float) and not isfinite(v) else v for v in _listed(column)],
+            "values": [None if isinstance(v, float) and not isfinite(v) else v for v in _to_list(column)],
         }
         for header, column in sheet.columns.items()
         for name, unit in [split_header(header)]
@@ -170,16 +176,16 @@ WRITERS: Final[Mapping[str, Callable[[Sheet], str | bytes]]] = MappingProxyType(
 
 
 def written(sheet: Sheet, suffix: str) -> bytes:
-    """Return a sheet as a file; `suffix` is one of `WRITERS`."""
+    """Return a sheet as the content of a file with this suffix, a key of `WRITERS`."""
     content = WRITERS[suffix](sheet)
     return content.encode() if isinstance(content, str) else content
 
 
 def frame_of(sheet: Sheet) -> Any:  # noqa: ANN401 - of pandas or polars, whichever is installed
-    """Return a table as a data frame; the first column is the index of pandas if it names the rows.
+    """Return a sheet as a data frame; in pandas the first column is the index if its texts name the rows.
 
     Raises:
-        MissingExtraError: neither is installed.
+        MissingExtraError: neither pandas nor polars is installed.
     """
     columns = {header: list(values) for header, values in sheet.columns.items()}
     try:
@@ -192,6 +198,7 @@ def frame_of(sheet: Sheet) -> Any:  # noqa: ANN401 - of pandas or polars, whiche
         return polars.DataFrame(columns, strict=False)
     first = next(iter(columns), None)
     names = columns[first] if first is not None else []
-    named = bool(names) and all(isinstance(name, str) for name in names) and len(set(names)) == len(names)
+    are_texts = all(isinstance(name, str) for name in names)
+    has_names = bool(names) and are_texts and len(set(names)) == len(names)
     frame = pandas.DataFrame(columns)
-    return frame.set_index(first) if named else frame
+    return frame.set_index(first) if has_names else frame

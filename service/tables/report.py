@@ -24,7 +24,7 @@ from jointstiff.solver.text import figure
 
 @dataclass(frozen=True)
 class View:
-    """Extent of what is shown of a job, and the unit of stiffness."""
+    """Options by which a job is shown: extent, unit of stiffness, and whether actions can be applied."""
 
     details: bool = False  # whether to show all that the result says
     unit: StiffnessUnit = UNITS[DEFAULT_UNIT]
@@ -59,13 +59,13 @@ _HEAD_STYLES: Final[Mapping[Verdict, Style]] = MappingProxyType(
 """Styles of the first line of a report."""
 _STYLES: Final[Mapping[str, Style]] = {"use_with_care": "care", "do_not_use": "bad"}
 _UNEXPLAINED: Final = frozenset({"deflections_unexplained", "residual_outlier"})
-_STATED_BETTER: Final[Mapping[str, frozenset[str]]] = MappingProxyType(
+_COVERED_WARNINGS: Final[Mapping[str, frozenset[str]]] = MappingProxyType(
     {
         "deflection_unexplained": _UNEXPLAINED,
         "alternative_explains_better": _UNEXPLAINED | {"joint_sign_suspect", "joints_swapped"},
     }
 )
-"""Warnings that a reason says better."""
+"""Codes of warnings that a reason, given by its code, covers: such warnings are not shown."""
 
 
 def with_overall_verdict(sheet: Sheet, assessment: Assessment | None) -> Sheet:
@@ -78,7 +78,7 @@ def with_overall_verdict(sheet: Sheet, assessment: Assessment | None) -> Sheet:
 
 
 def verdict_line(assessment: Assessment) -> Line:
-    """Return the verdict in one line."""
+    """Return the verdict as a line, with the number of reasons or of joints that passed the checks."""
     if assessment.headline is not None:
         return Line(assessment.headline, _HEAD_STYLES[assessment.verdict])
     verdict, count = assessment.verdict, len(assessment.reasons)
@@ -91,7 +91,7 @@ def verdict_line(assessment: Assessment) -> Line:
 
 
 def support(assessment: Assessment, of: str = "") -> str:
-    """Return what passed the checks of a result without reasons against it; `of` names the joints' run."""
+    """Return in words how many joints passed the checks; `of` follows `joints`, such as ` of its run`."""
     identified, count = assessment.joints_identified, assessment.joint_count
     if identified is None:
         return "the checks found no fault"
@@ -99,42 +99,43 @@ def support(assessment: Assessment, of: str = "") -> str:
 
 
 def verdict_lines(assessment: Assessment, *, details: bool) -> list[Line]:
-    """Return the verdict, its reasons, most severe first, and what was assumed."""
+    """Return lines of the verdict, its reasons and its notes; without details only the worst reasons."""
     reasons = assessment.reasons
     lines: list[Line] = [verdict_line(assessment)]
     for reason in reasons if details else reasons[:MOST_SHOWN]:
         place = f"{reason.where}: " if reason.where else ""
         lines.append(Line(f"  {place}{reason.message}", _STYLES[reason.weight]))
-    hidden = len(reasons) - len(lines) + 1
+    hidden = len(reasons) - (len(lines) - 1)  # the first line is the verdict
     if hidden:
         lines.append(Line(f"  and {hidden} more (--details)", "dim"))
     return [*lines, *(Line(f"  {note}", "dim") for note in assessment.notes)]
 
 
 def remedies(assessment: Assessment, *, applies: bool = False) -> list[str]:
-    """Return what reasons advise, most severe first, each once, with the option that applies an action."""
+    """Return the remedies of reasons, each once; if `applies`, with the option that applies the action."""
     kinds = [None if each.action is None else each.action.kind for each in assessment.reasons]
-    options = [
+    # `--apply KIND` applies the first action of a kind, so only the remedy of that action names the option.
+    suffixes = [
         f", or repeat the command with `--apply {kind}`"
-        if applies and kind not in (None, "show_posture", *kinds[:number])  # the first of a kind is applied
+        if applies and kind not in (None, "show_posture", *kinds[:number])
         else ""
         for number, kind in enumerate(kinds)
     ]
-    return list(dict.fromkeys(map(str.__add__, (each.remedy for each in assessment.reasons), options)))
+    return list(dict.fromkeys(map(str.__add__, (each.remedy for each in assessment.reasons), suffixes)))
 
 
 def to_do_lines(things: Sequence[str], *, details: bool) -> list[Line]:
-    """Return a numbered list of what to do, of the most important things without details."""
+    """Return a numbered list of things to do; without details only the first `MOST_SHOWN`."""
     shown = things if details else things[:MOST_SHOWN]
     lines: list[Line] = [Line(f"  {number}. {each}") for number, each in enumerate(shown, 1)]
     return [Line("To do", "title"), *lines] if lines else []
 
 
 def warning_lines(assessment: Assessment, warnings: Sequence[Finding], *, details: bool) -> list[Line]:
-    """Return the warnings of kinds that no reason says or sums up, or without details their number."""
-    stated: set[str] = {reason.code for reason in assessment.reasons}
-    stated = stated.union(*(_STATED_BETTER.get(code, ()) for code in stated))
-    rest = [warning for warning in warnings if warning.code not in stated]
+    """Return the warnings that no reason states or covers; without details only their number."""
+    covered: set[str] = {reason.code for reason in assessment.reasons}
+    covered = covered.union(*(_COVERED_WARNINGS.get(code, ()) for code in covered))
+    rest = [warning for warning in warnings if warning.code not in covered]
     if not details:
         return [Line(f"  {counted(len(rest), 'warning')} (--details)", "care")] if rest else []
     return [
@@ -142,12 +143,13 @@ def warning_lines(assessment: Assessment, warnings: Sequence[Finding], *, detail
             f"warning: {f'{warning.where}: ' if warning.where else ''}{warning.message}; {warning.remedy}",
             "care",
         )
-        for warning in sorted(rest, key=lambda warning: warning.where is not None)  # of the whole set first
+        # Warnings about the whole set come first.
+        for warning in sorted(rest, key=lambda warning: warning.where is not None)
     ]
 
 
 def joint_reason_lines(reasons: Iterable[tuple[str, str | None]]) -> list[Line]:
-    """Return why joints have no number or a bound: joints of the same reason in one line."""
+    """Return the reasons why joints have no number or only a bound; joints with one reason share a line."""
     names: dict[str, list[str]] = {}
     for name, reason in reasons:
         if reason:
@@ -156,12 +158,12 @@ def joint_reason_lines(reasons: Iterable[tuple[str, str | None]]) -> list[Line]:
 
 
 def counted(count: int, noun: str) -> str:
-    """Return a number of things in words."""
+    """Return a count with its noun, in the plural unless the count is 1: `2 reasons`."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def problem_line(problem: Problem) -> Line:
-    """Return an error as text: what, where, and how to mend it."""
+    """Return an error as text: the place, the reason and the remedy of each fault."""
     if len(problem.errors) > 1 or any(item.reason not in problem.detail for item in problem.errors):
         lines = [
             f"{item.where}: {item.reason}" + (f"; {item.remedy}" if item.remedy else "")
@@ -176,7 +178,7 @@ def problem_line(problem: Problem) -> Line:
     return Line(f"{place}{detail}{remedy}", "bad")
 
 
-_SHOWN: Final[Mapping[str, tuple[float, str]]] = {
+_SHOWN_UNITS: Final[Mapping[str, tuple[float, str]]] = {
     "m": (1e3, "mm"),
     "rad": (180.0 / pi, "°"),
     "deg": (1.0, "°"),
@@ -188,12 +190,12 @@ _SHOWN: Final[Mapping[str, tuple[float, str]]] = {
     "kN.m": (1.0, "kN·m"),
     "kgf.m": (1.0, "kgf·m"),
 }
-"""Factor and name of units that people see otherwise."""
+"""Factor and name of the unit in which people see numbers of a unit."""
 _STATED_UNIT: Final = re.compile(r"\bin units\.(\w+)")
-"""In the description of a field whose unit the request states."""
-_LONGEST: Final = 300
-"""Characters of a line; of longer ones the length and the hash are stated."""
-_MOST_LINES: Final = 20
+"""Words in the description of a field whose unit the request states, with the name of that unit."""
+_MAX_CHARACTERS: Final = 300
+"""Most characters of a value in a report; of a longer one only its length and its hash are stated."""
+_MAX_LINES: Final = 20
 NOT_STATED: Final = "not stated"
 
 
@@ -204,73 +206,77 @@ class _Units:
     stated: object  # the request's own units; None without
     kinds: Mapping[str, JointKind]  # by name, in the order of the robot; empty if all turn
 
-    def of(self, field: FieldInfo) -> _Unit:
-        """Return the units of a field: of its schema, or those which the request states."""
+    def unit_of_field(self, field: FieldInfo) -> _Unit:
+        """Return the unit of a field: fixed, or stated by the request where its description says so."""
         text = field.description or ""
         stated = [str(getattr(self.stated, name, None) or "") for name in _STATED_UNIT.findall(text)]
         if stated:
             return _Unit(stated[0], stated[-1])
         return _Unit(field_unit(field), field_unit(field, "unit_of_prismatic") or field_unit(field))
 
-    def of_each(self, values: Sequence[float], unit: _Unit) -> list[str] | None:
-        """Return the units of the values of a field that has one for each joint; None of any other."""
-        by_joint = unit.sliding != unit.turning and len(values) == len(self.kinds)
-        return [unit.of(kind) for kind in self.kinds.values()] if by_joint else None
+    def units_of_joints(self, values: Sequence[float], unit: _Unit) -> list[str] | None:
+        """Return the unit of each value of a field with a value for each joint; None for other fields."""
+        by_joint = unit.prismatic != unit.revolute and len(values) == len(self.kinds)
+        return [unit.for_kind(kind) for kind in self.kinds.values()] if by_joint else None
 
 
 @dataclass(frozen=True)
 class _Unit:
     """Unit of a number, and that of a prismatic joint, which differs where it belongs to joints."""
 
-    turning: str
-    sliding: str
+    revolute: str
+    prismatic: str
 
-    def of(self, kind: JointKind | None) -> str:
+    def for_kind(self, kind: JointKind | None) -> str:
         """Return the unit of a number of a joint of a kind."""
-        return self.sliding if kind == "prismatic" else self.turning
+        return self.prismatic if kind == "prismatic" else self.revolute
 
 
 def requested(
     request: Message, kinds: Mapping[str, JointKind] = MappingProxyType({})
 ) -> list[tuple[str, str]]:
-    """Return label and text of all fields of a request; one line names those without a value.
+    """Return label and text of each field of a request; a last entry names the fields without a value.
 
-    Lengths are in mm, angles in degrees, stiffnesses in 10⁶ N·m/rad, or N/µm of prismatic joints, whose kinds
-    are given. Of what is too long to be read, such as
-    readings and files, the number of entries and the SHA-256 of their JSON are stated.
+    Lengths are in mm, angles in degrees, stiffnesses in 10⁶ N·m/rad, or in N/µm for joints that `kinds` says
+    are prismatic. For long values, such as readings and files, the text states the number of entries and the
+    SHA-256 of their JSON.
     """
-    entries = list(_entries(request, _Units(getattr(request, "units", None), kinds), ""))
+    entries = list(_list_fields(request, _Units(getattr(request, "units", None), kinds), ""))
     absent = [label for label, text in entries if not text]
     facts = [(label[:1].upper() + label[1:], text) for label, text in entries if text]
     return [*facts, *([("Not stated", ", ".join(absent))] if absent else [])]
 
 
-def _entries(message: Message, units: _Units, within: str) -> Iterator[tuple[str, str]]:
+def _list_fields(message: Message, units: _Units, within: str) -> Iterator[tuple[str, str]]:
     """Yield label and text of each field; the text is empty where there is no value."""
     for name, field in type(message).model_fields.items():
         label, value = f"{within}{name.replace('_', ' ')}", getattr(message, name)
-        unit = units.of(field)
+        unit = units.unit_of_field(field)
         if isinstance(value, Message):
-            yield from _entries(value, units, f"{label}: ")
+            yield from _list_fields(value, units, f"{label}: ")
         elif isinstance(value, Sequence) and value and isinstance(value[0], Message):
-            lines = [_line(each, unit, units) for each in value]
-            yield label, "\n".join(lines) if len(lines) <= _MOST_LINES else _summary(value)
+            lines = [_format_short(each, unit, units) for each in value]
+            yield label, "\n".join(lines) if len(lines) <= _MAX_LINES else _summarise(value)
         elif value is None or value in ("", [], (), {}):
             yield label, ""
         else:
-            yield label, _line(value, unit, units)
+            yield label, _format_short(value, unit, units)
 
 
-def _line(value: object, unit: _Unit, units: _Units, kind: JointKind | None = None) -> str:
-    """Return a value in one line, or a summary of a long one."""
-    text = _text(value, unit, units, kind)
-    return text if len(text) <= _LONGEST else _summary(value)
+def _format_short(value: object, unit: _Unit, units: _Units, kind: JointKind | None = None) -> str:
+    """Return a value as text, or the summary of a value whose text is too long."""
+    text = _format_value(value, unit, units, kind)
+    return text if len(text) <= _MAX_CHARACTERS else _summarise(value)
 
 
-def _text(value: object, unit: _Unit, units: _Units, kind: JointKind | None = None) -> str:
+def _format_value(value: object, unit: _Unit, units: _Units, kind: JointKind | None = None) -> str:
+    """Return a value of any type as text, numbers with their unit; `kind` is that of the value's joint."""
     if isinstance(value, Message):
         parts = (
-            (name.replace("_", " "), _line(part, units.of(type(value).model_fields[name]), units, kind))
+            (
+                name.replace("_", " "),
+                _format_short(part, units.unit_of_field(type(value).model_fields[name]), units, kind),
+            )
             for name, part in ((name, getattr(value, name)) for name in type(value).model_fields)
             if part is not None
         )
@@ -278,28 +284,30 @@ def _text(value: object, unit: _Unit, units: _Units, kind: JointKind | None = No
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int | float):
-        factor, name = _SHOWN.get(unit.of(kind), (1.0, unit.of(kind)))
-        return f"{_number(factor * value)}{'' if name in ('', '°') else ' '}{name}"
+        factor, name = _SHOWN_UNITS.get(unit.for_kind(kind), (1.0, unit.for_kind(kind)))
+        return f"{_format_number(factor * value)}{'' if name in ('', '°') else ' '}{name}"
     if isinstance(value, Mapping):
         named = ((key, part, units.kinds.get(key)) for key, part in value.items())
-        return "; ".join(f"{key} {_text(part, unit, units, of)}" for key, part, of in named)
+        return "; ".join(f"{key} {_format_value(part, unit, units, of)}" for key, part, of in named)
     if isinstance(value, Sequence) and not isinstance(value, str):
         if value and all(isinstance(part, int | float) and not isinstance(part, bool) for part in value):
-            if own := units.of_each(value, unit):
-                alone = (_text(part, _Unit(one, one), units) for part, one in zip(value, own, strict=True))
+            if own := units.units_of_joints(value, unit):
+                alone = (
+                    _format_value(part, _Unit(one, one), units) for part, one in zip(value, own, strict=True)
+                )
                 return f"({', '.join(alone)})"
-            factor, name = _SHOWN.get(unit.of(kind), (1.0, unit.of(kind)))
-            return f"({', '.join(_number(factor * part) for part in value)}) {name}".strip()
-        return "; ".join(_text(part, unit, units, kind) for part in value)
+            factor, name = _SHOWN_UNITS.get(unit.for_kind(kind), (1.0, unit.for_kind(kind)))
+            return f"({', '.join(_format_number(factor * part) for part in value)}) {name}".strip()
+        return "; ".join(_format_value(part, unit, units, kind) for part in value)
     return str(value)
 
 
-def _number(value: float) -> str:
+def _format_number(value: float) -> str:
     return figure(value, ".10g")
 
 
-def _summary(value: object) -> str:
-    """Return length and SHA-256 of what is too long to be read."""
+def _summarise(value: object) -> str:
+    """Return the length and the SHA-256 of a value that is too long to be shown."""
     if isinstance(value, str):
         return f"{len(value):,} characters, SHA-256 {hashlib.sha256(value.encode()).hexdigest()}"
     plain = json.dumps(to_jsonable_python(value), separators=(",", ":"))

@@ -15,9 +15,9 @@ from jointstiff.solver.text import figure, rounded_down
 
 
 def lower_limit(joint: JointResult) -> float | None:
-    """Return what a stiffness is at least; None without such a limit.
+    """Return the lower limit of a joint's stiffness in SI units; None without a limit.
 
-    A result that is not to be used gives none: its model is refuted.
+    A result that is not to be used has no limit, as its model is refuted.
     """
     return None if joint.verdict == "do_not_use" else joint.stiffness_at_least
 
@@ -26,7 +26,7 @@ _ARC_MINUTE: Final = radians(1.0 / 60.0)
 
 
 class HasKind(Protocol):
-    """A joint as a result states it."""
+    """Anything with the kind of a joint, such as a joint of a result."""
 
     @property
     def kind(self) -> JointKind:
@@ -37,17 +37,17 @@ class HasKind(Protocol):
 class StiffnessUnit:
     """A unit of stiffness, or of its inverse."""
 
-    factor: float  # factor of a stiffness in SI units; where inverse, of a compliance
+    factor: float  # factor from SI units to this one: of a stiffness, or if inverse of a compliance
     label: str  # as printed
     inverse: bool = False  # whether compliances are shown
     sliding: StiffnessUnit | None = None  # the unit of prismatic joints; None in itself
 
     def of(self, kind: JointKind) -> StiffnessUnit:
-        """Return the unit of joints of a kind."""
+        """Return the unit for joints of a kind: this one, or for prismatic joints `sliding`."""
         return self.sliding if kind == "prismatic" and self.sliding is not None else self
 
     def label_of(self, joints: Iterable[HasKind]) -> str:
-        """Return the unit's label, with that of prismatic joints where one is among those shown."""
+        """Return the unit's label; if a joint is prismatic, followed by the label for prismatic joints."""
         if self.sliding is None or all(joint.kind != "prismatic" for joint in joints):
             return self.label
         return f"{self.label}, or {self.sliding.label} where stated"
@@ -58,13 +58,13 @@ class StiffnessUnit:
         return "compliance" if self.inverse else "stiffness"
 
     def value(self, compliance: float) -> float | None:
-        """Convert a compliance in SI units; None for a stiffness without limit."""
+        """Convert a compliance in SI units to this unit; None for a rigid joint, of unlimited stiffness."""
         if self.inverse:
             return self.factor * compliance
         return self.factor / compliance if compliance else None
 
     def uncertainty(self, joint: JointResult) -> float | None:
-        """Return the standard uncertainty; of a stiffness to first order: u(k) = u(c) k²."""
+        """Return a joint's standard uncertainty in this unit; of stiffness to first order u(k) = u(c) k²."""
         if joint.standard_uncertainty is None:
             return None
         if self.inverse:
@@ -74,7 +74,7 @@ class StiffnessUnit:
         return self.factor * joint.standard_uncertainty * joint.stiffness**2
 
     def cells(self, joint: JointResult) -> tuple[str, str, str]:
-        """Return value, standard uncertainty and interval as printed; of a prismatic joint with the unit."""
+        """Return a joint's value, standard uncertainty and interval as texts; if prismatic, with the unit."""
         if (unit := self.of(joint.kind)) is not self:
             cells = unit.cells(joint)
             return cells[0] if joint.compliance is None else f"{cells[0]} {unit.label}", cells[1], cells[2]
@@ -89,11 +89,12 @@ class StiffnessUnit:
         )
 
     def _interval(self, joint: JointResult, uncertainty: float | None) -> str:
+        """Return a joint's interval as text: `low … high`, a one-sided bound such as `> 3.1`, or a dash."""
         ends = joint.compliance_interval if self.inverse else joint.stiffness_interval
         if ends is not None and ends[1] is not None and joint.stiffness is not None:
             low, high = (rounded(self.factor * end, uncertainty) for end in (ends[0], ends[1]))
             return f"{low} … {high}"
-        # Without an upper end of the stiffness: the one-sided bound, which is the higher one.
+        # Without an upper end the one-sided bound is shown, which is above the interval's lower end.
         if (least := lower_limit(joint)) is None:
             return "—"
         bound = rounded_down(least)
@@ -104,7 +105,7 @@ class StiffnessUnit:
         )
 
     def concise(self, joint: JointResult) -> Line:
-        """Return the value with its standard uncertainty in units of the last digits (GUM, 7.2.2)."""
+        """Return a joint's value with its standard uncertainty in the last digits: 2.51(12) (GUM, 7.2.2)."""
         if (unit := self.of(joint.kind)) is not self:
             line = unit.concise(joint)
             return line if joint.compliance is None else Line(f"{line.text} {unit.label}", line.style)
@@ -114,7 +115,7 @@ class StiffnessUnit:
         return Line(concise(value, self.uncertainty(joint)), "bad" if value < 0 else "")
 
     def bare(self, compliance: float | None, kind: JointKind = "revolute") -> str:
-        """Format a compliance in SI units without a known uncertainty."""
+        """Format a compliance in SI units, whose uncertainty is unknown, in this unit."""
         if compliance is None:
             return "—"
         if (unit := self.of(kind)) is not self:
@@ -123,7 +124,7 @@ class StiffnessUnit:
         return "rigid" if value is None else figure(value, ".3g")
 
     def bare_interval(self, ends: tuple[float, float] | None) -> str:
-        """Format an interval of compliances; the ends of a stiffness swap, and one at zero has no limit."""
+        """Format an interval of compliances in SI units; stiffness has no limit if the lower end is zero."""
         if ends is None or ends[1] <= 0:
             return "—"
         if self.inverse:

@@ -19,7 +19,7 @@ NO_NUMBER = "—"
 
 
 def rounded(value: float | None, uncertainty: float | None = None, bare: str = ".4g") -> str:
-    """Format a value to two digits of its uncertainty, both in one unit; by `bare` without one."""
+    """Format a value to the second digit of its uncertainty; without an uncertainty by the format `bare`."""
     if value is None:
         return NO_NUMBER
     if not uncertainty or not isfinite(uncertainty):
@@ -29,16 +29,17 @@ def rounded(value: float | None, uncertainty: float | None = None, bare: str = "
 
 
 def concise(value: float, uncertainty: float | None, bare: str = ".4g") -> str:
-    """Format a value with its standard uncertainty in units of the last digits (GUM, 7.2.2)."""
+    """Format a value with its standard uncertainty in the last digits, such as `2.51(12)` (GUM, 7.2.2)."""
     text = rounded(value, uncertainty, bare)
     if not uncertainty or not isfinite(uncertainty):
         return text
     digits = rounded(uncertainty, uncertainty)
+    # An uncertainty below 1 is shown without its leading zeros and its decimal point.
     return f"{text}({digits.lstrip('0.') or 0 if float(digits) < 1 else digits})"
 
 
 def percent(share: float | None) -> str:
-    """Format a share."""
+    """Format a share between 0 and 1 in percent; a dash for None."""
     return NO_NUMBER if share is None else f"{100 * share:.1f} %"
 
 
@@ -55,7 +56,7 @@ class Line:
 
 
 Show = Callable[[Any], str | Line]
-"""Rounds a value, and writes it as text."""
+"""Function that rounds a value and returns it as text."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ class Column:
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
     def cells(self) -> list[Line]:
-        """Return the values as they are shown."""
+        """Return the values as they are shown; a dash for None."""
         return [as_line(NO_NUMBER if value is None else self.show(value)) for value in self.values]
 
 
@@ -86,7 +87,7 @@ class Table:
     columns: Sequence[Column]
     title: str = ""
     caption: str = ""
-    upright: bool = False  # whether each row is shown as a column, as where one place has many quantities
+    upright: bool = False  # whether rows are shown as columns, as for many quantities of few places
     plain: bool = False  # whether the terminal leaves out the lines between cells
 
     @property
@@ -95,25 +96,25 @@ class Table:
         return "; ".join(text for text in (self.title, self.caption) if text).replace("\n", " ")
 
     def head(self) -> list[str]:
-        """Return the headers as shown."""
+        """Return the headers as shown; of an upright table the cells of the first column."""
         if not self.upright:
             return [column.header for column in self.columns]
         return [self.columns[0].header, *(cell.text for cell in self.columns[0].cells())]
 
     def rows(self) -> list[list[Line]]:
-        """Return the cells as shown, row by row."""
+        """Return the cells as shown, row by row; of an upright table each row is a column."""
         if not self.upright:
             return [list(row) for row in zip(*(column.cells() for column in self.columns), strict=True)]
         return [[Line(column.header), *column.cells()] for column in self.columns[1:]]
 
     def text_columns(self) -> list[int]:
-        """Return the indices of the shown columns with text; in an upright table, that of its headers."""
+        """Return the indices of the shown columns with text; of an upright table 0, the column of headers."""
         if self.upright:
             return [0]
         return [place for place, column in enumerate(self.columns) if column.text]
 
     def shown(self) -> dict[str, object]:
-        """Return the table as JSON of texts."""
+        """Return the table as an object for JSON, with all cells as texts."""
         rows = [[cell.text for cell in row] for row in self.rows()]
         texts = {"title": self.title, "caption": self.caption, "legend": self.legend}
         return {**texts, "head": self.head(), "rows": rows, "texts": self.text_columns()}
@@ -160,19 +161,19 @@ class Sheet:
 
     @classmethod
     def of_joints(cls, sheet: Sheet, kinds: Sequence[JointKind | None]) -> Sheet:
-        """Return a sheet with a row for each joint; if one is prismatic, its headers say both units."""
+        """Return a sheet with a row for each joint; if a joint is prismatic, headers state both units."""
         if "prismatic" not in kinds:
             return sheet
         columns: dict[str, Any] = {}
         for header, values in sheet.columns.items():
-            columns[_by_kind(header)] = values
+            columns[_add_prismatic_unit(header)] = values
             if header == "joint":
                 columns["kind"] = list(kinds)
         return replace(sheet, columns=columns, texts=sheet.texts | {"kind"})
 
     @classmethod
     def of_rows(cls, rows: Iterable[Mapping[str, Value]]) -> Sheet:
-        """Build a sheet of rows that have the same headers."""
+        """Build a sheet from rows, which map the same headers to values."""
         listed = list(rows)
         return cls({header: [row[header] for row in listed] for header in (listed[0] if listed else ())})
 
@@ -183,25 +184,25 @@ class Sheet:
         columns: Mapping[str, str],
         units: Mapping[str, tuple[float, str]] = MappingProxyType({}),
     ) -> Sheet:
-        """Build a sheet of messages of one kind. Headers carry the units of the fields.
+        """Build a sheet from messages of one class, with the units of their fields in the headers.
 
         Args:
             rows: the messages.
-            columns: path of each field by its header; one such as `force {x y z}` has a column a component.
-            units: factor and name of units that are shown otherwise.
+            columns: path of each field by its header; `force {x y z}` makes a column for each component.
+            units: factor and name of the unit that is shown instead of a field's unit.
         """
         sheet: dict[str, list[Value]] = {}
         for header, path in columns.items() if rows else ():
             values, unit = [_value_at(row, path) for row in rows], _unit_at(type(rows[0]), path)
             factor, shown = units.get(unit, (1.0, unit))
-            for name, place in _components(f"{header} [{shown}]" if shown else header):
-                parts = [_component(value, place) for value in values]
+            for name, place in _expand_header(f"{header} [{shown}]" if shown else header):
+                parts = [_component_at(value, place) for value in values]
                 sheet[name] = [factor * part if isinstance(part, float) else part for part in parts]
         return cls(sheet)
 
 
-def _by_kind(header: str) -> str:
-    """Return a header with the unit that a prismatic joint's number has, too."""
+def _add_prismatic_unit(header: str) -> str:
+    """Return a header with the unit for prismatic joints added to the unit for revolute joints."""
     turning, sliding = JOINT_UNITS["revolute"], JOINT_UNITS["prismatic"]
     for name in ("position", "effort", "stiffness", "compliance"):
         unit = f"[{getattr(turning, name)}]"
@@ -210,66 +211,71 @@ def _by_kind(header: str) -> str:
     return header
 
 
-def _components(header: str) -> Iterator[tuple[str, tuple[int, ...]]]:
-    """Yield a header such as `force {x y z} [N]` for each component, and the place of the component."""
+def _expand_header(header: str) -> Iterator[tuple[str, tuple[int, ...]]]:
+    """Yield, for each component of a header such as `force {x y z} [N]`, its own header and its indices."""
     before, brace, rest = header.partition("{")
     if not brace:
         yield header, ()
         return
     words, _, after = rest.partition("}")
     for k, word in enumerate(words.split()):
-        for name, place in _components(after):
+        for name, place in _expand_header(after):
             yield f"{before}{word}{name}", (k, *place)
 
 
 def _value_at(row: Message | None, path: str) -> Any:  # noqa: ANN401 - of any field
+    """Return the value of a field of a message by its path, such as `compliance.worst`; None if absent."""
     name, _, rest = path.partition(".")
     value = None if row is None else getattr(row, name)
     return _value_at(value, rest) if rest else value
 
 
-def _component(value: Any, place: Sequence[int]) -> Value:  # noqa: ANN401 - of any field
+def _component_at(value: Any, place: Sequence[int]) -> Value:  # noqa: ANN401 - of any field
+    """Return the component of a nested list at some indices; a list of texts is joined."""
     for k in place:
         value = None if value is None else value[k]
     return "; ".join(value) or None if isinstance(value, list) else value
 
 
 def _unit_at(kind: type[Message], path: str) -> str:
+    """Return the unit of the field at a path, such as `compliance.worst`, of a class of messages."""
     name, _, rest = path.partition(".")
     field = kind.model_fields[name]
-    return _unit_at(next(_messages_in(field.annotation)), rest) if rest else field_unit(field)
+    return _unit_at(next(_find_message_classes(field.annotation)), rest) if rest else field_unit(field)
 
 
 def field_unit(field: FieldInfo, key: str = "unit") -> str:
-    """Return the unit that the schema of a field states under a key; none for one without a unit."""
-    return _declared(field.json_schema_extra, key) or _unit_within(field.annotation, key)
+    """Return the unit that the schema of a field states under a key; empty if it states none."""
+    return _unit_in_schema(field.json_schema_extra, key) or _find_unit(field.annotation, key)
 
 
-def _messages_in(annotation: Any) -> Iterator[type[Message]]:  # noqa: ANN401 - a type
+def _find_message_classes(annotation: Any) -> Iterator[type[Message]]:  # noqa: ANN401 - a type
+    """Yield the classes of messages that a type annotation contains."""
     if isinstance(annotation, type) and issubclass(annotation, Message):
         yield annotation
     for part in get_args(annotation):
-        yield from _messages_in(part)
+        yield from _find_message_classes(part)
 
 
-def _unit_within(annotation: Any, key: str) -> str:  # noqa: ANN401 - a type
-    """Return the unit that a part of a type declares, such as that of the values of a dictionary."""
+def _find_unit(annotation: Any, key: str) -> str:  # noqa: ANN401 - a type
+    """Return the unit that a part of a type declares, such as the values of a dictionary; else empty."""
     for part in get_args(annotation):
         is_field = isinstance(part, FieldInfo)
-        unit = _declared(part.json_schema_extra, key) if is_field else _unit_within(part, key)
+        unit = _unit_in_schema(part.json_schema_extra, key) if is_field else _find_unit(part, key)
         if unit:
             return unit
     return ""
 
 
-def _declared(extra: object, key: str) -> str:
+def _unit_in_schema(extra: object, key: str) -> str:
+    """Return the unit under a key of the extra entries of a schema; empty if they have none."""
     return str(extra.get(key, "")) if isinstance(extra, Mapping) else ""
 
 
 def text_table(
     head: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "", texts: Sequence[int] = (0,)
 ) -> Table:
-    """Build a table of text that is rounded already."""
+    """Build a table from headers and rows of ready texts; `texts` are the columns aligned to the left."""
     columns = [
         Column(name, [row[place] for row in rows], text=place in texts) for place, name in enumerate(head)
     ]
@@ -277,20 +283,20 @@ def text_table(
 
 
 def as_line(shown: str | Line) -> Line:
-    """Return text as a line without a style."""
+    """Return a text as a line without style; a line as it is."""
     return shown if isinstance(shown, Line) else Line(shown)
 
 
 def number(form: str, scale: float = 1.0) -> Show:
-    """Show numbers in a unit by a format: `number(".3f", 1e3)` for metres in mm."""
+    """Return a function that formats a number times a scale: `number(".3f", 1e3)` shows metres in mm."""
     return lambda value: figure(scale * value, form)
 
 
 def numbers(form: str, scale: float = 1.0, between: str = "  ") -> Show:
-    """Show the components of a vector in a unit."""
+    """Return a function that formats the components of a vector times a scale."""
     return lambda values: between.join(figure(scale * value, form) for value in values)
 
 
 def ends(form: str, scale: float = 1.0, between: str = " to ") -> Show:
-    """Show an interval in a unit."""
+    """Return a function that formats an interval, a pair of ends times a scale; None means no limit."""
     return lambda pair: between.join("no limit" if end is None else figure(scale * end, form) for end in pair)

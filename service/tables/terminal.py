@@ -40,15 +40,15 @@ _STYLES: Final = {
 
 
 def console(*, stderr: bool = False) -> Console:
-    """Return a console that does not colour numbers by itself."""
+    """Return a console at least 80 characters wide, which does not colour numbers by itself."""
     output = Console(stderr=stderr, highlight=False)
-    # Numbers that a narrow terminal cuts short mislead; wrapped lines do not.
+    # Numbers cut short by a narrow terminal mislead; wrapped lines do not.
     return Console(stderr=stderr, highlight=False, width=max(output.width, _NARROWEST))
 
 
 @contextmanager
 def progress_bar(*, shown: bool) -> Iterator[Callable[[Progress], None]]:
-    """Show a bar on the standard error, with the time left; none where nothing takes long."""
+    """Show a progress bar on the standard error if `shown`; yield the function that updates the bar."""
     if not shown:
         yield lambda _: None
         return
@@ -67,65 +67,67 @@ def new_bar() -> ProgressBar:
 
 def problem_text(problem: Problem) -> Text:
     """Lay out an error for the terminal."""
-    return _styled(problem_line(problem))
+    return _style_line(problem_line(problem))
 
 
 def printed(parts: Sequence[Part]) -> RenderableType:
-    """Lay out parts for the terminal; text is never taken for markup."""
+    """Lay out parts for the terminal, without charts; text is never interpreted as markup."""
     shown = (part for part in parts if not isinstance(part, Chart))
-    return Group(*(_text(part) if isinstance(part, Line) else _FittedTable(part) for part in shown))
+    return Group(*(_lay_out_line(part) if isinstance(part, Line) else _FittedTable(part) for part in shown))
 
 
-def _text(line: Line) -> RenderableType:
-    """Lay out a line; what is wrapped goes on below its first word."""
-    return Group(*(_indented(Line(text, line.style)) for text in line.text.split("\n")))
+def _lay_out_line(line: Line) -> RenderableType:
+    """Lay out a text of one or more lines; a wrapped line goes on below its first word."""
+    return Group(*(_lay_out_indented(Line(text, line.style)) for text in line.text.split("\n")))
 
 
-def _indented(line: Line) -> RenderableType:
+def _lay_out_indented(line: Line) -> RenderableType:
+    """Lay out a line in two columns, its indentation and its text, so that wrapped text stays indented."""
     indent = len(line.text) - len(_INDENT.sub("", line.text))
     if not indent:
-        return _styled(line)
+        return _style_line(line)
     row = RichTable.grid()
     row.add_column(no_wrap=True)
     row.add_column(overflow="fold")
-    row.add_row(*(_styled(Line(text, line.style)) for text in (line.text[:indent], line.text[indent:])))
+    row.add_row(*(_style_line(Line(text, line.style)) for text in (line.text[:indent], line.text[indent:])))
     return row
 
 
 @dataclass(frozen=True)
 class _FittedTable:
-    """A table in the first layout that fits: with lines, without, with a folded head, in parts.
+    """A table in the first layout that fits: with lines, without lines, or with folded headers in parts.
 
-    Texts are folded where they must, numbers never: one that is cut short misleads.
+    Texts are folded if necessary. Numbers never are, as a number that is cut short misleads.
     """
 
     table: Table
 
     def __rich_console__(self, _: Console, options: ConsoleOptions) -> Iterator[RichTable]:
-        """Yield the table, or the parts that its columns are distributed to."""
+        """Yield the table, or its parts, each with some of the columns."""
         head, width = self.table.head(), options.max_width
         places = range(len(head))
         rows = self.table.rows()
-        cells = [max((_width(row[place].text) for row in rows), default=0) for place in places]
-        folded = [_folded(header, cells[place]) for place, header in enumerate(head)]
+        cells = [max((_text_width(row[place].text) for row in rows), default=0) for place in places]
+        folded = [_fold_header(header, cells[place]) for place, header in enumerate(head)]
         texts = self.table.text_columns()
         most = [_NARROW if place in texts else width - _NARROW - 1 for place in places]
 
-        def least(head: Sequence[str]) -> list[int]:
-            return [min(most[place], max(cells[place], _width(head[place]))) for place in places]
+        def least_widths(head: Sequence[str]) -> list[int]:
+            return [min(most[place], max(cells[place], _text_width(head[place]))) for place in places]
 
-        if not self.table.plain and sum(least(head)) + 3 * len(head) + 1 <= width:
-            yield self._columns_at(head, places, plain=False)
-        elif sum(least(head)) + len(head) - 1 <= width:
-            yield self._columns_at(head, places, plain=True)
+        # Lines take three characters for each column and one more; without lines one is between columns.
+        if not self.table.plain and sum(least_widths(head)) + 3 * len(head) + 1 <= width:
+            yield self._build_table(head, places, plain=False)
+        elif sum(least_widths(head)) + len(head) - 1 <= width:
+            yield self._build_table(head, places, plain=True)
         else:
-            parts = _distribute_columns(least(folded), width)
+            parts = _distribute_columns(least_widths(folded), width)
             for part in parts:
-                yield self._columns_at(
+                yield self._build_table(
                     folded, part, plain=True, first=part is parts[0], last=part is parts[-1]
                 )
 
-    def _columns_at(
+    def _build_table(
         self,
         head: Sequence[str],
         places: Sequence[int],
@@ -134,7 +136,7 @@ class _FittedTable:
         first: bool = True,
         last: bool = True,
     ) -> RichTable:
-        """Return the columns at some places; the first part has the title, the last one the caption."""
+        """Return a table of some of the columns; the first part has the title, the last part the caption."""
         table, texts = self.table, self.table.text_columns()
         layout: dict[str, Any] = {"box": SIMPLE_HEAD, "padding": 0, "show_edge": False} if plain else {}
         rich: RichTable = RichTable(
@@ -152,20 +154,21 @@ class _FittedTable:
                 no_wrap=place not in texts,
             )
         for row in table.rows():
-            rich.add_row(*(_styled(row[place]) for place in places))
+            rich.add_row(*(_style_line(row[place]) for place in places))
         return rich
 
 
-def _styled(line: Line) -> Text:
+def _style_line(line: Line) -> Text:
     return Text(line.text, style=_STYLES[line.style])
 
 
-def _width(text: str) -> int:
+def _text_width(text: str) -> int:
+    """Return the width of the widest line of a text, in characters of the terminal."""
     return max(map(cell_len, text.split("\n")))
 
 
-def _folded(header: str, width: int) -> str:
-    """Fold a header to the width of its cells, between words; its unit has a line of its own."""
+def _fold_header(header: str, width: int) -> str:
+    """Fold a header between words to the width of its cells; the unit gets a line of its own."""
     name, bracket, unit = header.partition(" [")
     longest = max(map(cell_len, [*name.split(), bracket.strip() + unit]))
     lines = wrap(name, max(width, longest, 1), break_long_words=False)
@@ -173,7 +176,7 @@ def _folded(header: str, width: int) -> str:
 
 
 def _distribute_columns(widths: Sequence[int], width: int) -> list[list[int]]:
-    """Return the places of columns of some widths, in parts that fit; each begins with the first column."""
+    """Distribute columns to parts that fit a width; return their indices. Each part begins with column 0."""
     parts = [[0]]
     for place in range(1, len(widths)):
         if sum(widths[i] + 1 for i in parts[-1]) + widths[place] > width:

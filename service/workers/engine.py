@@ -32,22 +32,23 @@ LATER_SECONDS: Final = 60.0
 """Time until a part of a job of a kind that only another version knows is offered again [s]."""
 _APPLICATION: Final = "jointstiff"
 _QUEUE: Final = "jointstiff-jobs"
-_VERSION: Final = "1"  # DBOS's name for workers that may carry on what others began: all of one database
+_VERSION: Final = "1"  # workers continue each other's parts only if they have the same version: here all do
 _POLL_SECONDS: Final = 0.2  # between two looks for a part
-_PATIENCE_SECONDS: Final = 10  # for which newer jobs pass the next part of one that has begun
+_PATIENCE_SECONDS: Final = 10  # time for which newer jobs go before the next part of a job that has begun
 _EPOCH: Final = 1_760_000_000  # Unix time of priority 0 [s]: DBOS takes priorities below 2³¹
 _CONNECTIONS: Final = 6
-_LISTED: Final = 1_000  # rows of DBOS in a page
-_PAGES: Final = 20  # pages at a look: parts of jobs that go on stay, and may fill some
+_PAGE_SIZE: Final = 1_000  # rows of DBOS in one query
+_MAX_PAGES: Final = 20  # queries at a look: parts of unfinished jobs are not removed, and may fill some pages
 _GIVEN_UP: Final = ["MAX_RECOVERY_ATTEMPTS_EXCEEDED", "ERROR", "CANCELLED"]
 
 
 def _refuse_pickle(cls: DefaultSerializer, serialized_data: str) -> NoReturn:  # noqa: ARG001 - DBOS's names
+    """Refuse to read a pickled object, whose code would be run."""
     raise ValueError("a row of the queue has a pickled object; pickled objects are not read")
 
 
-# DBOS reads what a row calls a pickle with this class, whatever serializer was chosen: who can write the
-# database could run code in the workers.
+# DBOS reads rows that are marked as pickles with this class, whatever serializer was chosen: anyone who can
+# write to the database could run code in the workers.
 DefaultSerializer.deserialize = _refuse_pickle  # type: ignore[method-assign]
 # DBOS logs what it retries, and at each start that a cloud service exists.
 logging.getLogger("dbos").setLevel(logging.CRITICAL)
@@ -55,20 +56,20 @@ _logger = logging.getLogger(__name__)
 
 
 class Queue:
-    """The parts of jobs that are left to workers. Safe to use from several threads and processes."""
+    """Queue of the parts of jobs that workers carry out. Safe to use from several threads and processes."""
 
     def __init__(self, store: Store, database: str) -> None:
-        """Open the queue of a store; its tables are made in the store's database if they are not there.
+        """Open the queue of a store; create its tables in the store's database if they are missing.
 
         Args:
-            store: which stays the caller's to close.
-            database: its URL.
+            store: store of the jobs; the caller closes it.
+            database: URL of the store.
 
         Raises:
-            StoreError: the tables cannot be made or used.
+            StoreError: the tables cannot be created or used.
         """
         self._store = store
-        self._schema = store.schema() or "dbos"  # SQLite has none, and DBOS leaves it out
+        self._schema = store.schema() or "dbos"  # SQLite has no schemas: DBOS ignores the name
         self._engine = engine_of(database, _CONNECTIONS)
         try:
             DBOS.migrate(self._engine.url.render_as_string(hide_password=False), schema=self._schema)
@@ -89,107 +90,107 @@ class Queue:
             ) from error
 
     def close(self) -> None:
-        """Disconnect."""
+        """Disconnect from the database."""
         self._client.destroy()
         self._engine.dispose()
 
     def enqueue(self, connection: Connection, job_id: str) -> None:
-        """Leave a new job to workers, in the transaction that stores the job."""
-        self._add(connection, Part(job_id, 0, 0), turn=_now())
+        """Add the first part of a new job, in the transaction that stores the job."""
+        self._add_part(connection, Part(job_id, 0, 0), turn=_priority_now())
 
     def leave(self, job_id: str, parts: Iterable[Part]) -> None:
-        """Leave parts of a job that has begun to workers; each once, however often it is left.
+        """Add parts of a job that has begun; a part that was added before is not added again.
 
-        Newer jobs go first for a while, the longer the more jobs have begun: so small jobs do not wait for
+        Newer jobs go first for a while, which is longer the more jobs have begun: small jobs do not wait for
         large ones, and large ones go on however many small ones come.
         """
-        turn = _now() + _PATIENCE_SECONDS * (1 + self._store.steps.others_begun(job_id))
+        turn = _priority_now() + _PATIENCE_SECONDS * (1 + self._store.steps.others_begun(job_id))
         with self._store.transaction() as connection:
             for part in parts:
-                self._add(connection, part, turn=turn)
+                self._add_part(connection, part, turn=turn)
 
     def offer_later(self, part: Part) -> None:
-        """Leave a part of a job of another version's kind to whoever claims it after `LATER_SECONDS`."""
+        """Offer a part again after `LATER_SECONDS`: only another version knows the kind of its job."""
         with self._store.transaction() as connection:
-            self._add(connection, part, turn=_now(), later=LATER_SECONDS)
+            self._add_part(connection, part, turn=_priority_now(), later=LATER_SECONDS)
 
     def others_wait(self, job_id: str) -> bool:
-        """Return whether parts of other jobs than this one wait for a worker; true where nobody can say."""
+        """Return whether parts of other jobs wait for a worker; true if the database does not answer."""
         try:
-            waiting = self._listed(limit=PARTS_AT_ONCE + 1, status="ENQUEUED")
+            waiting = self._list_rows(limit=PARTS_AT_ONCE + 1, status="ENQUEUED")
         except SQLAlchemyError:
             return True
         return any(job_of(each.workflow_id) != job_id for each in waiting)
 
     def pending(self) -> dict[str, str]:
-        """Return the parts that workers have claimed and not ended: id → name of the worker."""
-        return {each.workflow_id: str(each.executor_id) for each in self._listed(status="PENDING")}
+        """Return the parts that workers have claimed and not ended: part's id → worker's name."""
+        return {each.workflow_id: str(each.executor_id) for each in self._list_rows(status="PENDING")}
 
     def hand_over(self, parts: Iterable[str]) -> None:
-        """Offer claimed parts to all workers again, and count no death; who carries one out may go on."""
+        """Offer claimed parts, by their ids, to all workers again; no worker's death is counted for them."""
         if some := list(parts):
             self._client.resume_workflows(some, queue_name=_QUEUE)
 
-    def given_up(self) -> dict[str, bool]:
-        """Return jobs that have a part which will not be offered again: id → whether workers died over it."""
-        found = self._pages(status=_GIVEN_UP)
+    def find_given_up_jobs(self) -> dict[str, bool]:
+        """Return jobs with a part that will not be offered again: job's id → whether workers died over it."""
+        found = self._list_pages(status=_GIVEN_UP)
         return {job_of(each.workflow_id): each.status == _GIVEN_UP[0] for page in found for each in page}
 
-    def unknown(self, job_ids: Collection[str]) -> set[str]:
-        """Return those of some jobs that were never left to workers, or whose parts were removed by hand."""
+    def find_unknown_jobs(self, job_ids: Collection[str]) -> set[str]:
+        """Return the ids of jobs that have no first part: it was never added, or was removed by hand."""
         if not job_ids:
             return set()
-        firsts = [_name(Part(job_id, 0, 0)) for job_id in job_ids]
-        known = self._listed(workflow_ids=firsts, limit=len(firsts))
+        firsts = [_part_id(Part(job_id, 0, 0)) for job_id in job_ids]
+        known = self._list_rows(workflow_ids=firsts, limit=len(firsts))
         return set(job_ids) - {job_of(each.workflow_id) for each in known}
 
-    def forget(self, going_on: Callable[[Collection[str]], set[str]]) -> None:
+    def remove_ended_parts(self, going_on: Callable[[Collection[str]], set[str]]) -> None:
         """Remove ended parts of jobs that have ended.
 
         Args:
-            going_on: returns the ids of those of some jobs that have not ended.
+            going_on: takes ids of jobs, and returns the ids of the jobs that have not ended.
         """
-        for page in list(self._pages(status=["SUCCESS", *_GIVEN_UP])):
+        for page in list(self._list_pages(status=["SUCCESS", *_GIVEN_UP])):
             ended = [each.workflow_id for each in page]
             open_jobs = going_on({job_of(part) for part in ended})
             if over := [part for part in ended if job_of(part) not in open_jobs]:
                 self._client.delete_workflows(over)
 
-    def _add(self, connection: Connection, part: Part, *, turn: int, later: float | None = None) -> None:
+    def _add_part(self, connection: Connection, part: Part, *, turn: int, later: float | None = None) -> None:
         """Add a part to the queue.
 
         Args:
-            connection: of a transaction of the store.
-            part: which is added once: DBOS knows its name.
-            turn: the least goes first; of equal ones the first that was added.
-            later: time until it is offered [s]; it is added once more then.
+            connection: connection of a transaction of the store.
+            part: part to add; DBOS ignores a part whose id it has already.
+            turn: priority: the least goes first, of equal ones the part that was added first.
+            later: time until the part is offered [s]; it is added under a new id then.
         """
         options: EnqueueOptions = {
             "queue_name": _QUEUE,
             "workflow_name": "carry_out",
-            "workflow_id": _name(part),
+            "workflow_id": _part_id(part),
             "app_version": _VERSION,
             "priority": turn,
         }
         if later is not None:
-            options |= {"workflow_id": f"{_name(part)}-{time.time_ns()}", "delay_seconds": later}
+            options |= {"workflow_id": f"{_part_id(part)}-{time.time_ns()}", "delay_seconds": later}
         self._client.enqueue_in_transaction(connection, options, part.job_id, part.number, part.kept)
 
-    def _pages(self, **which: Any) -> Iterator[list[Any]]:  # noqa: ANN401 - what DBOS takes
-        """Yield rows of DBOS in pages, oldest first."""
-        for number in range(_PAGES):
-            page = self._listed(offset=number * _LISTED, **which)
+    def _list_pages(self, **filters: Any) -> Iterator[list[Any]]:  # noqa: ANN401 - what DBOS takes
+        """Yield the rows of DBOS that match filters in pages, oldest first, at most `_MAX_PAGES` of them."""
+        for number in range(_MAX_PAGES):
+            page = self._list_rows(offset=number * _PAGE_SIZE, **filters)
             yield page
-            if len(page) < _LISTED:
+            if len(page) < _PAGE_SIZE:
                 return
 
-    def _listed(self, limit: int = _LISTED, **which: Any) -> list[Any]:  # noqa: ANN401 - what DBOS takes
-        """Return rows of DBOS, oldest first."""
-        return self._client.list_workflows(limit=limit, load_input=False, load_output=False, **which)
+    def _list_rows(self, limit: int = _PAGE_SIZE, **filters: Any) -> list[Any]:  # noqa: ANN401 - what DBOS takes
+        """Return the rows of DBOS that match filters, oldest first: one row for each part."""
+        return self._client.list_workflows(limit=limit, load_input=False, load_output=False, **filters)
 
 
 class Engine(Queue):
-    """A worker's queue: it carries out one part after the other. One a process."""
+    """Queue of a worker, which carries out one part after the other. A process has at most one engine."""
 
     def __init__(
         self, store: Store, database: str, executor: str, carry_out: Callable[[Part], object]
@@ -197,18 +198,19 @@ class Engine(Queue):
         """Begin to carry out parts.
 
         Args:
-            store: which stays the caller's to close.
-            database: its URL.
+            store: store of the jobs; the caller closes it.
+            database: URL of the store.
             executor: name of this worker, which no other process has or had.
-            carry_out: carries out a part, and raises nothing.
+            carry_out: function that carries out a part, and raises nothing.
 
         Raises:
-            StoreError: the tables cannot be made or used.
+            StoreError: the tables cannot be created or used.
         """
         super().__init__(store, database)
         self._executor = executor
         self._is_stopping, self._is_closed = threading.Event(), threading.Event()
-        self._clocks: dict[str, int | None] = {}  # of the threads that carry out a part, by the part's name
+        # Processor clocks of the threads that carry out a part, by the part's id.
+        self._clocks: dict[str, int | None] = {}
         config: DBOSConfig = {
             "name": _APPLICATION,
             "system_database_engine": self._engine,
@@ -224,9 +226,10 @@ class Engine(Queue):
 
         @DBOS.workflow(name="carry_out", max_recovery_attempts=ATTEMPTS - 1)
         def carry_out_part(job_id: str, number: int, kept: int) -> None:
+            """Carry out a part that DBOS has claimed for this process."""
             name, part = str(DBOS.workflow_id), Part(job_id, number, kept)
             if self._is_stopping.is_set():
-                # `stop` hands it over. While this thread waits, DBOS claims no other part here.
+                # `stop` offers this part to other workers. Until this thread ends, DBOS claims none.
                 self._is_closed.wait()
                 return
             self._clocks[name] = _clock_of_thread()
@@ -245,12 +248,12 @@ class Engine(Queue):
         )
 
     def stop(self) -> None:
-        """Begin no further part, and offer to the others what this process claimed.
+        """Begin no further part, and offer the parts that this process claimed to other workers.
 
         A part under way is not waited for. DBOS itself would take seconds to stop its threads.
         """
         self._is_stopping.set()
-        for _ in range(2):  # one may have been claimed while the first one was handed over
+        for _ in range(2):  # a part may be claimed while others are being offered
             pending = self.pending().items()
             self.hand_over(part for part, executor in pending if executor == self._executor)
             self._is_closed.wait(2.0 * _POLL_SECONDS)
@@ -262,15 +265,15 @@ class Engine(Queue):
         super().close()
 
     def active(self) -> dict[str, float]:
-        """Return the parts that this process carries out: id → processor time that their thread used [s]."""
+        """Return the parts that this process carries out: part's id → processor time of its thread [s]."""
         used = {}
         for name, clock in list(self._clocks.items()):
-            with suppress(OSError):  # the thread has ended since
+            with suppress(OSError):  # the thread has ended meanwhile
                 used[name] = time.monotonic() if clock is None else time.clock_gettime(clock)
         return used
 
     def recover(self, executors: Iterable[str]) -> None:
-        """Offer what dead workers had claimed to all workers, and count a death over each part."""
+        """Offer the parts that dead workers had claimed to all workers; count a death for each part."""
         if dead := list(executors):
             DBOS._recover_pending_workflows(dead)  # DBOS's own cloud service makes this call
 
@@ -286,11 +289,11 @@ def job_of(part: str) -> str:
     return part.partition("-")[0]
 
 
-def _name(part: Part) -> str:
-    """Return the id of a part. DBOS counts starts by it: a step that is kept begins a new count."""
+def _part_id(part: Part) -> str:
+    """Return a part's id, by which DBOS counts starts: each kept step changes it and begins a new count."""
     return f"{part.job_id}-{part.number:06}-{part.kept}"
 
 
-def _now() -> int:
-    """Return the time as a priority [s]."""
+def _priority_now() -> int:
+    """Return the present time as a priority, in seconds since `_EPOCH`."""
     return int(time.time()) - _EPOCH

@@ -16,38 +16,38 @@ from typing import Final
 from jointstiff.service.process import ONE_THREAD
 
 DATABASE_VARIABLE: Final = "JOINTSTIFF_DATABASE"
-"""Where a worker finds the URL of the store."""
+"""Environment variable in which a worker finds the URL of the store."""
 _SHORT_LIFE_SECONDS: Final = 60.0  # reading its libraries alone takes ten on a busy machine
 _PAUSE_SECONDS: Final = 2.0
 _LONGEST_PAUSE_SECONDS: Final = 60.0
 _FAILING: Final = 2
-"""Short lives, one after the other, from which on a worker counts as one that cannot start."""
+"""Number of short lives in succession from which on a worker counts as failing."""
 _END_SECONDS: Final = 10.0
 _START_SECONDS: Final = 120.0
 _SILENCE_SECONDS: Final = 45.0
-"""A worker that showed no sign of life on its output for so long is ended and replaced."""
+"""A worker without a sign of life on its output for this time is ended and replaced."""
 
 _logger = logging.getLogger(__name__)
 
 
 def pause_after(short_lives: int) -> float:
-    """Return how long to wait before a worker is started again, doubled with each short life [s].
+    """Return the pause [s] before a worker is started again, which doubles with each short life.
 
-    A worker that cannot start, for want of memory or of its database, must not keep a processor busy.
+    A worker that cannot start, because memory or its database is missing, must not keep a processor busy.
     """
     return min(_PAUSE_SECONDS * 2.0 ** min(short_lives - 1, 10), _LONGEST_PAUSE_SECONDS)
 
 
 def process_name(name: str) -> str:
-    """Return a name for a new process of a worker, which no other process has or had.
+    """Return a unique name for a new process of a worker: its name and random digits.
 
-    Two machines may have one host name: what a process of an equal name has begun is not a new one's.
+    Two machines may have the same host name, and a process must not take over the parts of another one.
     """
     return f"{name}-{secrets.token_hex(4)}"
 
 
 class Supervisor:
-    """N worker processes. Each holds a pipe from this process and ends when this process does, however."""
+    """Worker processes, kept running. Each has a pipe from this process, and ends when this process ends."""
 
     def __init__(
         self,
@@ -62,10 +62,10 @@ class Supervisor:
 
         Args:
             database: URL of the store.
-            workers: how many; none is allowed.
-            prefix: of the names of these workers.
+            workers: number of workers, which may be 0.
+            prefix: beginning of the names of these workers.
             forget: called with the name of a worker process that has ended.
-            start: time that a worker has for its start [s].
+            start: longest time until a worker's first sign of life [s].
             silence: time between two signs of life after which a worker is ended [s].
         """
         self._forget = forget
@@ -75,7 +75,9 @@ class Supervisor:
         self._stopping = threading.Event()
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self._watchers = [
-            threading.Thread(target=self._keep_worker, args=(database, f"{prefix}-{number}"), daemon=True)
+            threading.Thread(
+                target=self._keep_worker_running, args=(database, f"{prefix}-{number}"), daemon=True
+            )
             for number in range(1, workers + 1)
         ]
         for watcher in self._watchers:
@@ -85,13 +87,15 @@ class Supervisor:
         return self
 
     def __exit__(self, *_: object) -> None:
+        """End all workers; kill those that have not ended after `_END_SECONDS`."""
         self._stopping.set()
         for process in list(self._processes.values()):
             process.terminate()
         deadline = time.monotonic() + _END_SECONDS
         for watcher in self._watchers:
             watcher.join(max(0.0, deadline - time.monotonic()))
-        for process in list(self._processes.values()):  # one without memory may not hear
+        # A worker without memory may not have reacted to the first signal.
+        for process in list(self._processes.values()):
             process.kill()
 
     @property
@@ -103,13 +107,13 @@ class Supervisor:
             for name, lives in list(self._short_lives.items())
         )
 
-    def _keep_worker(self, database: str, name: str) -> None:
+    def _keep_worker_running(self, database: str, name: str) -> None:
         """Keep a worker of this name running."""
         while not self._stopping.is_set():
             began = self._alive_since[name] = time.monotonic()
             try:
                 self._run_worker(database, name)
-            except Exception:  # such as no memory, no thread: whatever it is, the worker is needed
+            except Exception:  # such as no memory or no thread: the worker is needed all the same
                 _logger.warning("cannot start worker %s; trying again", name, exc_info=True)
             self._alive_since.pop(name)
             if time.monotonic() - began >= _SHORT_LIFE_SECONDS:
@@ -119,33 +123,33 @@ class Supervisor:
                 self._stopping.wait(pause_after(self._short_lives[name]))
 
     def _run_worker(self, database: str, name: str) -> None:
-        """Start a worker, and wait for its end."""
+        """Start a worker process, wait for its end, and log an end that was not requested."""
         executor = process_name(name)
         with subprocess.Popen(
             [sys.executable, "-m", "jointstiff.service.workers", executor],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            # The URL is there, as the arguments of a process are for all to see.
+            # Not as an argument, which all users can see: the URL may hold a password.
             env=os.environ | ONE_THREAD | {DATABASE_VARIABLE: database},
-            process_group=0,  # Ctrl-C at the service's terminal is the service's to hear
+            process_group=0,  # Ctrl-C must reach only the service, which ends its workers
         ) as process:
             self._processes[name] = process
             if self._stopping.is_set():  # it was started while all others were being ended
                 process.terminate()
-            status = self._end_of(process, executor)
+            status = self._wait_for_end(process, executor)
         if not self._stopping.is_set():
             how = f"signal {-status}" if status < 0 else f"status {status}"
             _logger.warning("worker %s ended with %s; starting another one", executor, how)
             self._forget(executor)
 
-    def _end_of(self, process: subprocess.Popen[bytes], executor: str) -> int:
-        """Wait for the end of a worker; end one that shows no sign of life: it is stopped, or without memory.
+    def _wait_for_end(self, process: subprocess.Popen[bytes], executor: str) -> int:
+        """Wait for the end of a worker, and end it if it shows no sign of life; return its exit status.
 
-        The signs do not pass through the database, which a worker that is stopped may have locked.
+        The signs of life do not pass through the database, which a suspended worker may have locked.
         """
         signs, pause = process.stdout, self._start
         while signs is not None and select.select([signs], [], [], pause)[0]:
-            if not os.read(signs.fileno(), 4096):  # the end of its output is that of the process
+            if not os.read(signs.fileno(), 4096):  # the output ends with the process
                 return process.wait()
             pause = self._silence
         _logger.warning("worker %s is silent; ending it", executor)

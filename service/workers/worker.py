@@ -28,13 +28,13 @@ from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
 from jointstiff.service.workers.engine import ATTEMPTS, Engine, Queue
 
-_KNOWN: Final = [kind.name for kind in KINDS]  # jobs of other kinds are left to other versions
-_REMOVED: Final = 20  # deleted records of each kind that are removed at a look
-_DERIVED: Final = 20  # last campaigns of robots that are derived at a look
+_KNOWN: Final = [kind.name for kind in KINDS]  # jobs of other kinds are left to workers of other versions
+_REMOVED: Final = 20  # most deleted records of each kind that one look removes
+_DERIVED: Final = 20  # most robots whose last campaign one look renews
 _FIRST_PAUSE: Final = 0.1
 _LONGEST_PAUSE: Final = 5.0
-_STILL_LOOKS: Final = 4
-"""Looks, one after the other, between which a part under way took no processor time: its thread is frozen."""
+_MAX_STALLED_LOOKS: Final = 4
+"""Looks in succession between which a part took no processor time, so that its thread counts as frozen."""
 
 
 class FrozenError(Exception):
@@ -42,7 +42,7 @@ class FrozenError(Exception):
 
 
 class Recovery:
-    """Recovery by one worker. It runs at every heartbeat; it is idempotent, and other workers do the same."""
+    """Recovery of jobs of dead workers, which each worker runs at every heartbeat. Repeating it is safe."""
 
     def __init__(
         self,
@@ -54,24 +54,25 @@ class Recovery:
         heartbeats: Heartbeats | None = None,
         now: Callable[[], datetime] = lambda: datetime.now(UTC),
     ) -> None:
-        """Look after the jobs of a store.
+        """Prepare the recovery of the jobs of a store.
 
         Args:
-            store: with their inputs.
-            jobs: those of the kind of a job, by its id.
-            engine: of this worker.
+            store: store of the jobs.
+            jobs: function that returns the jobs of one kind, by the id of a job of this kind.
+            engine: engine of this worker.
             executor: name of this worker.
-            heartbeats: of the workers; those of the store unless others are given.
-            now: tells the time, aware, by which deleted jobs are removed.
+            heartbeats: heartbeats of the workers; default: those of the store.
+            now: clock, with a time zone, by which deleted jobs are removed.
         """
         self._store, self._jobs, self._engine, self._executor = store, jobs, engine, executor
         self._heartbeats = heartbeats or store.heartbeats
         self._now = now
         self._trends = Trends(store)
+        # Found by the last look: silent workers, processor times of parts, and parts that nobody carries out.
         self._silent: dict[str, datetime] = {}
         self._active: dict[str, float] = {}
         self._idle: set[str] = set()
-        self._still = 0
+        self._stalled_looks = 0
         self._looked_at = time.monotonic()
 
     def seconds_since_look(self) -> float:
@@ -79,21 +80,21 @@ class Recovery:
         return time.monotonic() - self._looked_at
 
     def look(self) -> None:
-        """Show a sign of life if the part under way makes progress, and mend what is found.
+        """Show a sign of life if the part under way makes progress, and recover jobs of dead workers.
 
         Raises:
-            FrozenError: the part under way has made no progress for `_STILL_LOOKS` looks.
+            FrozenError: the part under way has made no progress for `_MAX_STALLED_LOOKS` looks.
             StoreUnavailableError: the database does not answer; look again later.
         """
         self._looked_at = time.monotonic()
-        if self._stands_still():
+        if self._is_stalled():
             return
-        pending = self._engine.pending()  # whoever claimed one of these has shown a sign of life
+        pending = self._engine.pending()  # read first: its workers have shown a sign of life by then
         living = self._heartbeats.beat(self._executor)
-        self._take_up_idle(pending)
-        if not living or living[0] != self._executor:  # one of the living is enough
+        self._offer_idle_parts(pending)
+        if not living or living[0] != self._executor:  # only the first living worker recovers; one is enough
             return
-        # After an outage all others are silent at the first look: lost are who still is at the second.
+        # After an outage all others are silent at the first look. Lost are those silent at the second, too.
         before, self._silent = self._silent, self._heartbeats.silent(SILENT)
         lost = dict(self._silent.items() & before.items())
         alive = {*living, *(self._silent.keys() - lost.keys())}
@@ -101,44 +102,50 @@ class Recovery:
         duties: list[Callable[[], object]] = [
             lambda: self._engine.recover(set(pending.values()) - alive),
             self._fail_given_up,
-            lambda: self._engine.forget(self._store.going_on),
+            lambda: self._engine.remove_ended_parts(self._store.going_on),
             lambda: purge(self._store, self._now() - KEEP_DELETED),
             lambda: self._trends.derive_due(_DERIVED),
         ]
         for duty in duties:
             try:
                 duty()
-            except Exception as failure:  # noqa: BLE001 - none keeps from the others
+            except Exception as failure:  # noqa: BLE001 - the other duties are done all the same
                 failures.append(failure)
         if failures:
             raise failures[0]
 
     def hand_over(self) -> None:
-        """Offer what this worker has begun to the others, as it is about to end."""
+        """Offer the parts that this worker has begun to other workers, before it ends."""
         self._engine.stop()
         self._heartbeats.forget(self._executor)
 
-    def _stands_still(self) -> bool:
-        """Return whether a part under way took no processor time since the last look."""
-        before, self._active = self._active, self._engine.active()
-        is_still = bool(before.items() & self._active.items())
-        self._still = self._still + 1 if is_still else 0
-        if self._still >= _STILL_LOOKS:
-            raise FrozenError(f"no progress of {', '.join(self._active)}")
-        return is_still
+    def _is_stalled(self) -> bool:
+        """Return whether a part under way took no processor time since the last look.
 
-    def _take_up_idle(self, pending: Mapping[str, str]) -> None:
-        """Offer anew what DBOS says is carried out here, and is not, at two looks."""
+        Raises:
+            FrozenError: this was so at `_MAX_STALLED_LOOKS` looks in succession.
+        """
+        before, self._active = self._active, self._engine.active()
+        is_stalled = bool(before.items() & self._active.items())
+        self._stalled_looks = self._stalled_looks + 1 if is_stalled else 0
+        if self._stalled_looks >= _MAX_STALLED_LOOKS:
+            raise FrozenError(f"no progress with the part {', '.join(self._active)}")
+        return is_stalled
+
+    def _offer_idle_parts(self, pending: Mapping[str, str]) -> None:
+        """Offer again the parts that DBOS counts as carried out here, but that were not at two looks."""
         mine = {part for part, executor in pending.items() if executor == self._executor}
         idle = mine - self._engine.active().keys()
         self._engine.hand_over(idle & self._idle)
         self._idle = idle
 
     def _fail_given_up(self) -> None:
-        """End open jobs that no worker will end: too many died over a part, or no part is left."""
+        """Fail open jobs that no worker will end: too many workers died over a part, or no part is left."""
         going = self._store.open_jobs(_KNOWN)
-        lost = dict.fromkeys(self._engine.unknown(going), "no part of job {} is left")
-        for job_id, is_deadly in self._engine.given_up().items():
+        lost = dict.fromkeys(
+            self._engine.find_unknown_jobs(going), "job {} has no part in the queue any more"
+        )
+        for job_id, is_deadly in self._engine.find_given_up_jobs().items():
             died = f"{ATTEMPTS} workers died over one step of job {{}}"
             lost[job_id] = died if is_deadly else "a part of job {} cannot be carried out"
         for job_id in lost.keys() & going.keys():
@@ -146,27 +153,27 @@ class Recovery:
 
 
 def purge(store: Store, before: datetime) -> None:
-    """Remove for good what was deleted before a time, some of each kind at a call."""
+    """Remove for good what was deleted before a time: of each kind at most `_REMOVED` records at a call."""
     for kind in KINDS:
         store.jobs(kind.resource).purge(before, _REMOVED)
-    store.sets.purge(before, _REMOVED)  # before the robots, which they refer to
+    store.sets.purge(before, _REMOVED)  # sets go before robots, to which they refer
     store.open_sets.purge(before, _REMOVED)
     store.robots.purge(before, _REMOVED)
 
 
 def carry_out(store: Store, jobs: Callable[[str], Jobs], part: Part, queue: Queue) -> None:
-    """Carry out a part of a job; a job fails where the part does.
+    """Carry out a part of a job; if the part fails, the job fails.
 
-    A job of another version's kind is left to that version.
+    A part of a kind that only another version of workers knows is offered again later.
 
     Args:
-        store: with the job.
-        jobs: those of the kind of a job, by its id.
-        part: the part.
-        queue: takes what follows.
+        store: store of the job.
+        jobs: function that returns the jobs of one kind, by the id of a job of this kind.
+        part: part to carry out.
+        queue: queue to which the parts that follow are added.
 
     Raises:
-        StoreUnavailableError: the database does not answer; carry out the part again then.
+        StoreUnavailableError: the database does not answer; carry out the part again later.
     """
     kind = store.kind_of_job(part.job_id)
     if kind is None:  # it was removed
@@ -174,25 +181,25 @@ def carry_out(store: Store, jobs: Callable[[str], Jobs], part: Part, queue: Queu
     if kind not in _KNOWN:
         queue.offer_later(part)
         return
-    mine = jobs(part.job_id)
+    jobs_of_kind = jobs(part.job_id)
     try:
-        mine.carry_out(part, queue)
+        jobs_of_kind.carry_out(part, queue)
     except (StoreUnavailableError, MemoryError):
         raise
     except Exception as failure:  # noqa: BLE001 - the boundary of a job
-        mine.fail(part.job_id, failure)
+        jobs_of_kind.fail(part.job_id, failure)
 
 
-def patiently(act: Callable[[], object]) -> None:
-    """Wait for a database that does not answer: an outage is no result of a part.
+def retry_until_available(act: Callable[[], object]) -> None:
+    """Call a function again until the database answers: an outage must not fail a job.
 
-    A process without memory ends, as the system would end it: others go on, and count its death.
+    A process without memory kills itself, as the system would: other workers count its death and go on.
     """
     pause = _FIRST_PAUSE
     while True:
         try:
             act()
-        except MemoryError:  # no result of a step: where there is more memory, it is carried out
+        except MemoryError:  # must not fail the job: another worker may have more memory
             os.kill(os.getpid(), signal.SIGKILL)
         except StoreUnavailableError:
             time.sleep(pause)
@@ -202,26 +209,25 @@ def patiently(act: Callable[[], object]) -> None:
 
 
 _BEAT_SECONDS: Final = 5.0  # between two signs of life of a worker
-_GOODBYE_SECONDS: Final = 8.0  # for handing over; after 30 s of silence others take over by themselves
+_GOODBYE_SECONDS: Final = 8.0  # time to offer parts to others, who take them after 30 s of silence anyway
 
 _FAULT: Final = 70  # exit status of a worker that cannot go on
-_SPARE_BYTES: Final = 64 * 1024 * 1024  # memory that must be left to a worker; a step takes more at times
-_LOOK_SECONDS: Final = 1.0  # between two looks at whether it can go on
+_SPARE_BYTES: Final = 64 * 1024 * 1024  # memory that must be free for a worker; some steps need more
+_LOOK_SECONDS: Final = 1.0  # between two checks of memory and of the parent process
 _BEGIN_SECONDS: Final = 60.0  # time for its threads to begin
-_KEEPER_SECONDS: Final = 60.0  # for a look of the keeper; with a locked database it takes half of that
+_KEEPER_SECONDS: Final = 60.0  # longest look of the recovery thread; a locked database takes half of it
 
 _logger = logging.getLogger(__name__)
 
 
 def run_worker(database: str, executor: str, parent: int | None = None, signs: int | None = None) -> None:
-    """Work until stopped; unfinished work is left to other workers, and the process ends.
+    """Carry out parts until stopped; then offer unfinished parts to other workers, and end the process.
 
     Args:
         database: URL of the store.
         executor: name of this process, which no other process has or had.
-        parent: descriptor of a pipe that ends when the process that started this one does; then this one
-            ends too.
-        signs: descriptor that gets a byte each second while this process looks after its jobs.
+        parent: file descriptor of a pipe from the parent process: when it ends, this process ends, too.
+        signs: file descriptor that gets a byte each second while this process looks after its jobs.
 
     Raises:
         StoreError: the database cannot be used.
@@ -233,7 +239,7 @@ def run_worker(database: str, executor: str, parent: int | None = None, signs: i
     refuse_in_memory(database)
     store = Store.open(database)
     parts = Parts(store)
-    gc.freeze()  # libraries stay to the end; looking through them took a third of a large job's end
+    gc.freeze()  # libraries stay to the end: the garbage collector need not search them
     try:
         # If a thread fails to begin for lack of memory, `Thread.start()` never returns.
         faulthandler.dump_traceback_later(_BEGIN_SECONDS, exit=True)
@@ -242,10 +248,10 @@ def run_worker(database: str, executor: str, parent: int | None = None, signs: i
             store,
             database,
             executor,
-            lambda part: patiently(lambda: carry_out(store, parts.jobs_of, part, engine)),
+            lambda part: retry_until_available(lambda: carry_out(store, parts.jobs_of, part, engine)),
         )
         recovery = Recovery(store, parts.jobs_of, engine, executor)
-        keeper = threading.Thread(target=_look_after, args=(recovery, stop), daemon=True)
+        keeper = threading.Thread(target=_run_recovery, args=(recovery, stop), daemon=True)
         keeper.start()
         faulthandler.cancel_dump_traceback_later()
         console().print(f"worker {executor} ready", markup=False)
@@ -254,55 +260,55 @@ def run_worker(database: str, executor: str, parent: int | None = None, signs: i
                 _end_process()
             if signs is not None and recovery.seconds_since_look() < _KEEPER_SECONDS:
                 _show_sign(signs)
-            if _parent_has_ended(parent):  # nobody died over what is under way: it is handed over
+            if _parent_has_ended(parent):  # an ordered end: the part under way is offered to others
                 stop.set()
     except (MemoryError, RuntimeError):
         _end_process()
-    keeper.join(_GOODBYE_SECONDS)  # with a database that does not answer it could take any time
-    # A step under way would keep the process alive to its end; it belongs to someone else by now.
+    keeper.join(_GOODBYE_SECONDS)  # not longer: the database may not answer
+    # A step under way would keep the process alive, though its part has been offered to others.
     sys.stdout.flush()
     os._exit(0)
 
 
-def _look_after(recovery: Recovery, stop: threading.Event) -> None:
-    """Look at every beat; at the end, hand over."""
+def _run_recovery(recovery: Recovery, stop: threading.Event) -> None:
+    """Run the recovery every `_BEAT_SECONDS` until `stop`; then offer this worker's parts to others."""
     while not stop.is_set():
-        _tolerate_absence(recovery.look)
+        _act_despite_outage(recovery.look)
         stop.wait(_BEAT_SECONDS)
-    _tolerate_absence(recovery.hand_over)
+    _act_despite_outage(recovery.hand_over)
 
 
-def _tolerate_absence(act: Callable[[], None]) -> None:
-    """A database that is away now will be back at the next beat."""
+def _act_despite_outage(act: Callable[[], None]) -> None:
+    """Call a function; log an error such as a lost database, which may be back at the next beat."""
     try:
         act()
     except MemoryError:
         _end_process()
     except FrozenError:
-        _logger.exception("this worker ends, and leaves its part to others")
+        _logger.exception("this worker makes no progress; it ends, and others take over its part")
         _end_process()
     except Exception:
-        _logger.warning("could not look after jobs; trying again", exc_info=True)
+        _logger.warning("cannot recover the jobs of dead workers; trying again", exc_info=True)
 
 
 def _end_process(*_: object) -> None:
-    """End the process at once: without memory, or without one of its threads, it would only look alive."""
+    """End the process at once: it lacks memory or one of its threads, and would only seem alive."""
     try:
         faulthandler.dump_traceback()
-    finally:  # it may fail, too, for want of memory
+    finally:  # the dump may fail, too, if memory is missing
         os._exit(_FAULT)
 
 
 def _show_sign(signs: int) -> None:
     """Write a byte to the process that started this one."""
-    with suppress(OSError):  # it does not read, or has ended
+    with suppress(OSError):  # the other process has ended, or does not read
         os.write(signs, b".")
 
 
 def _has_memory() -> bool:
-    """Return whether there is memory left to work with.
+    """Return whether at least `_SPARE_BYTES` of memory can still be had.
 
-    Where there is none, no thread starts, and who starts one waits for ever: the main thread has to look.
+    Without memory no thread starts, and `Thread.start` never returns: the main thread has to check.
     """
     try:
         mmap.mmap(-1, _SPARE_BYTES).close()
@@ -312,5 +318,5 @@ def _has_memory() -> bool:
 
 
 def _parent_has_ended(parent: int | None) -> bool:
-    """Return whether the parent process has ended: then its pipe, a file descriptor, is at end of file."""
+    """Return whether the parent process has ended: then the pipe from it is at its end of file."""
     return parent is not None and bool(select.select([parent], [], [], 0.0)[0]) and not os.read(parent, 1024)

@@ -46,7 +46,7 @@ from jointstiff.solver.messages import rows
 from jointstiff.solver.text import figure
 
 SAME_PLACE: Final = 1e-9
-"""Load points that differ by less are one [m]."""
+"""Distance [m] below which load points are the same."""
 POSTURE_TOLERANCE: Final = 1e-3
 """Tolerance of each joint angle [rad]: it changes a lever of 3 m by a thousandth."""
 LOAD_TOLERANCE: Final = 5e-3
@@ -58,7 +58,7 @@ _NO_EFFECT: Final = 1e-9
 """Norm of a joint's column, relative to the largest, that counts as rounding."""
 _QUARTER: Final = pi / 2
 _ALIKE: Final = 0.5
-"""Largest change of the deflections that is none by another unit of force."""
+"""Share by which deflections may differ where only the stated unit of force is suspected to differ."""
 _FORCE_UNITS: Final = {"N": 1.0, "kgf": float(-STANDARD_GRAVITY[2]), "kN": 1e3}
 """Units of force that are confused [N]."""
 _UNKNOWN: Final = "its uncertainty is unknown in one of the sets: state `noise`, or add observations"
@@ -129,11 +129,11 @@ class Matches:
 
 
 def compare_sides(first: Side, second: Side, *, confidence: float, ordered: bool = False) -> Comparison:
-    """Compare two campaigns whose readings are independent.
+    """Compare the stiffnesses of two campaigns whose readings are independent.
 
     Args:
-        first: such as with the motors' encoders in the loop, or before.
-        second: such as with secondary encoders in the loop, or after.
+        first: campaign of the softer state, such as before a repair, or with motor encoders in the loop.
+        second: campaign of the other state, such as after it, or with secondary encoders in the loop.
         confidence: level of the intervals, between 0 and 1.
         ordered: whether to fit both in one problem with c_second ≤ c_first for every joint.
 
@@ -148,39 +148,40 @@ def compare_sides(first: Side, second: Side, *, confidence: float, ordered: bool
             where="run_ids",
             remedy="compare sets of one robot, or of two robots of the same model with the same joint names",
         )
-    covariances = _covariances(sides := (first, second))
+    covariances = _compute_independent_covariances(sides := (first, second))
     positive = all(bool((side.constraints.bounds.lower >= 0).all()) for side in sides)
     compliances = np.stack([side.compliance for side in sides])
     together = None
     if ordered:
         together, optimum = fit_ordered(sides, covariances, confidence)
         compliances = np.where(np.isnan(optimum), compliances, optimum)
-    matches = match(first.measurements, second.measurements)
+    matches = match_observations(first.measurements, second.measurements)
     return Comparison(
-        [_joint_ratio(j, sides, covariances, confidence, positive=positive) for j in range(len(names))],
+        [_compare_joint(j, sides, covariances, confidence, positive=positive) for j in range(len(names))],
         together,
-        avoided_deflection(sides, matches, compliances),
+        compute_avoided_deflection(sides, matches, compliances),
         matches.unlike,
-        force_unit_mistake(first.measurements, second.measurements, matches),
+        find_force_unit_mistake(first.measurements, second.measurements, matches),
     )
 
 
 def models_differ(first: Robot, second: Robot) -> bool:
-    """Return whether two robots of the same joints differ in geometry or joint map, seen in two postures."""
+    """Return whether two robots with the same joints differ in geometry or joint map, by two postures."""
     if first is second:
         return False
     postures = np.stack([np.zeros(first.n), np.linspace(0.3, 1.1, first.n)])
-    shapes = []
+    kinematics = []
     for robot in (first, second):
         at = Postures(robot, robot.joint_map.model_angles(postures))
-        shapes.append((at.q, at.jacobian, at.flange_rotation, at.flange_translation))
-    return any(bool((np.abs(a - b) > _MODEL_TOLERANCE).any()) for a, b in zip(*shapes, strict=True))
+        kinematics.append((at.q, at.jacobian, at.flange_rotation, at.flange_translation))
+    return any(bool((np.abs(a - b) > _MODEL_TOLERANCE).any()) for a, b in zip(*kinematics, strict=True))
 
 
-def _covariances(sides: Sequence[Side]) -> list[FloatArray | None]:
-    """Return the covariance (n, n) of each side's estimate.
+def _compute_independent_covariances(sides: Sequence[Side]) -> list[FloatArray | None]:
+    """Return the covariance (n, n) of each campaign's estimate without the errors that both campaigns share.
 
-    What both assume of one load point, or of the scale of one load cell, cancels.
+    Assumed errors of the load cell's scale, or of a load point that is the same, cancel in a comparison. The
+    covariance is None where sigma is unknown.
     """
     places = np.vstack([side.measurements.load_point for side in sides])
     common = [side.measurements.common_uncertainty for side in sides]
@@ -194,7 +195,7 @@ def _covariances(sides: Sequence[Side]) -> list[FloatArray | None]:
     return covariances
 
 
-def _joint_ratio(
+def _compare_joint(
     j: int,
     sides: Sequence[Side],
     covariances: Sequence[FloatArray | None],
@@ -202,6 +203,15 @@ def _joint_ratio(
     *,
     positive: bool,
 ) -> JointRatio:
+    """Return the ratio of the stiffnesses of joint j with its interval and p-value, or why there is none.
+
+    Args:
+        j: index of the joint.
+        sides: both campaigns.
+        covariances: (n, n) of their estimates; None where sigma is unknown.
+        confidence: level of the interval.
+        positive: whether compliances are known to be zero or positive.
+    """
     name, gaussian = sides[0].robot.joint_names[j], []
     for which, side, covariance in zip(("first", "second"), sides, covariances, strict=True):
         value = float(side.free.compliance[j])
@@ -216,7 +226,7 @@ def _joint_ratio(
     sound = one.value > 0 and two.value > 0
     spread = hypot(one.standard_uncertainty, two.standard_uncertainty)
     freedom = min(one.degrees_of_freedom, two.degrees_of_freedom)
-    interval = ratio_interval(one, two, confidence, positive=positive)
+    interval = compute_ratio_interval(one, two, confidence, positive=positive)
     return JointRatio(
         name=name,
         ratio=one.value / two.value if sound else None,
@@ -227,23 +237,23 @@ def _joint_ratio(
     )
 
 
-def ratio_interval(
+def compute_ratio_interval(
     first: GaussianEstimate, second: GaussianEstimate, confidence: float, *, positive: bool
 ) -> RatioInterval | None:
-    """Return Fieller's interval of c_first / c_second = k_second / k_first.
+    """Compute Fieller's interval of the ratio c_first / c_second = k_second / k_first.
 
-    In units of the uncertainties, with the point ``(ĉ₂/s₂, ĉ₁/s₁)`` at distance r and angle θ, it is
-    ``|sin(θ − φ)| ≤ t/r`` for ``tan φ = ρ s₂/s₁``: an arc of directions, repeated every half turn. It may
-    pass through the vertical, where the ratio is infinite: then it has no upper limit.
+    In units of the uncertainties, with the point ``(ĉ₂/s₂, ĉ₁/s₁)`` at distance r and angle θ, the interval
+    is ``|sin(θ − φ)| ≤ t/r`` for ``tan φ = ρ s₂/s₁``: an arc of directions, repeated every half turn. If the
+    arc passes through the vertical, where the ratio is infinite, the interval has no upper limit.
 
-    Exact where both uncertainties have the same degrees of freedom from one sigma, or sigma is given; else
-    the fewer degrees of freedom are taken, which covers at least as often.
+    The interval is exact where both uncertainties come from one sigma, or sigma is given. Otherwise the fewer
+    degrees of freedom are taken, so that the interval covers the true ratio at least as often.
 
     Args:
         first: estimate of the first compliance.
         second: estimate of the second, independent of it.
         confidence: between 0 and 1.
-        positive: whether both compliances are known to be zero or positive: the ratio is, too.
+        positive: whether both compliances, and so their ratio, are known to be zero or positive.
 
     Returns:
         The interval; None if `positive` and all ratios that the estimates allow are negative.
@@ -256,7 +266,7 @@ def ratio_interval(
     if r <= t:
         return RatioInterval(0.0 if positive else None, None)
     angle = atan2(y, x)
-    if angle > _QUARTER or angle <= -_QUARTER:  # a ratio does not change when both signs do
+    if angle > _QUARTER or angle <= -_QUARTER:  # the ratio stays the same if both signs change
         angle -= pi if angle > 0 else -pi
     low, high = angle - asin(t / r), angle + asin(t / r)
     lower, upper = scale * tan(low), scale * tan(high)
@@ -264,7 +274,7 @@ def ratio_interval(
         if positive and upper < 0.0:
             return None
         return RatioInterval(max(0.0, lower) if positive else lower, upper)
-    # Through the vertical: all ratios but those between the arc's ends
+    # The arc passes through the vertical: all ratios are allowed but those between its ends.
     if positive and upper < 0.0:
         return RatioInterval(max(0.0, lower), None)
     return RatioInterval(0.0 if positive else None, None, (upper, lower))
@@ -275,17 +285,18 @@ def fit_ordered(
 ) -> tuple[OrderedResult, FloatArray]:
     """Fit both campaigns in one problem subject to ``c_second ≤ c_first`` for every joint (method.md §5).
 
-    The unknowns are the 2 n compliances of both, their likelihood is that of both Gaussian estimates: by the
-    noise of the readings for the optimum, by all errors for the intervals, which are widened to hold it.
-    Joints that a campaign does not show are left out: they neither get an interval nor bound another.
+    The unknowns are the 2 n compliances; their likelihood is that of both Gaussian estimates. The optimum is
+    weighted by the noise of the readings alone. The intervals use all errors, and are widened to contain the
+    optimum. Joints that a campaign does not show get no interval, and do not constrain the other campaign.
 
     Args:
         sides: the softer campaign, such as with the motors' encoders in the loop, and the stiffer one.
-        covariances: (n, n) of their estimates.
+        covariances: (n, n) of their estimates; None where sigma is unknown.
         confidence: level of the intervals.
 
     Returns:
-        The message, and the compliances (2, n), NaN where a campaign does not determine them.
+        The result as a message; and the compliances (2, n) [rad/(N·m)], NaN where a campaign does not
+        determine them.
 
     Raises:
         RequestError: the constraints contradict each other, or an uncertainty is unknown.
@@ -345,21 +356,27 @@ def fit_ordered(
     return message, c.reshape(2, n)
 
 
-def force_unit_mistake(one: Measurements, two: Measurements, matches: Matches) -> Finding | None:
-    """Report forces of most observations that differ by a ratio of units, while the deflections do not.
+def find_force_unit_mistake(one: Measurements, two: Measurements, matches: Matches) -> Finding | None:
+    """Find out whether one of two campaigns states its forces in another unit.
+
+    The unit is suspect if the forces of most matching postures differ by the ratio of two units, such as N
+    and kgf, while the deflections hardly differ.
 
     Args:
         one: the first campaign.
-        two: the second.
-        matches: observations of both that are alike with the forces as they are stated.
+        two: the second campaign.
+        matches: observations that match with the forces as stated.
+
+    Returns:
+        The finding; None if no mistake is seen.
     """
     for (unit, size), (other, other_size) in permutations(_FORCE_UNITS.items(), 2):
         ratio = size / other_size
-        scaled = match(one, two, ratio)
+        scaled = match_observations(one, two, ratio)
         more = np.setdiff1d(scaled.observations[0], matches.observations[0])
         if 2 * len(more) <= len(matches.present) + len(matches.unlike):
             continue
-        share = measured_shares((one, two), scaled, (None, None))[1]
+        share = compute_measured_shares((one, two), scaled, (None, None))[1]
         if share is not None and abs(share.value) < _ALIKE:
             return Finding(
                 code="force_unit_suspect",
@@ -372,8 +389,16 @@ def force_unit_mistake(one: Measurements, two: Measurements, matches: Matches) -
     return None
 
 
-def match(one: Measurements, two: Measurements, force_ratio: float = 1.0) -> Matches:
-    """Find the observations of equal label, posture and load, forces by a ratio, that share a target."""
+def match_observations(one: Measurements, two: Measurements, force_ratio: float = 1.0) -> Matches:
+    """Find the observations that two campaigns have in common.
+
+    They have equal label, posture and load, and share a target.
+
+    Args:
+        one: the first campaign.
+        two: the second campaign.
+        force_ratio: factor on the forces of the first campaign before they are compared.
+    """
     shared = [name for name in one.targets if name in two.targets]
     targets = np.array([[own.targets.index(name) for name in shared] for own in (one, two)], np.intp)
     place = {label: i for i, label in enumerate(two.labels)}
@@ -398,19 +423,21 @@ def match(one: Measurements, two: Measurements, force_ratio: float = 1.0) -> Mat
     return Matches(places[:, kept], targets, present[kept], tuple(one.labels[j] for j in i[~kept]))
 
 
-def avoided_deflection(sides: Sequence[Side], matches: Matches, compliances: FloatArray) -> AvoidedDeflection:
-    """Return the share of the deflection that the second campaign avoids, measured and predicted.
+def compute_avoided_deflection(
+    sides: Sequence[Side], matches: Matches, compliances: FloatArray
+) -> AvoidedDeflection:
+    """Compute the share of the deflection that the second campaign avoids, measured and predicted.
 
     Args:
         sides: both campaigns.
-        matches: observations that both have.
-        compliances: (2, n) of the joints in both [rad/(N·m)].
+        matches: observations that both campaigns have.
+        compliances: (2, n) of the joints, by campaign [rad/(N·m)].
     """
-    each, measured = measured_shares(
+    each, measured = compute_measured_shares(
         [side.measurements for side in sides], matches, [side.free.sigma for side in sides]
     )
     unknown = sides[0].free.unseen | sides[1].free.unseen
-    of_first, of_second = (_predicted_lengths(side, compliances, unknown) for side in sides)
+    of_first, of_second = (_predict_mean_lengths(side, compliances, unknown) for side in sides)
     first, second = (side.measurements.labels for side in sides)
     alone = np.setdiff1d(np.arange(len(second)), matches.observations[1]).tolist()
     total = np.nansum(np.vstack([of_first, of_second[alone]]), axis=0)
@@ -420,36 +447,40 @@ def avoided_deflection(sides: Sequence[Side], matches: Matches, compliances: Flo
             observation=label,
             side="both" if i in by_row else "first",
             measured=by_row.get(i),
-            predicted=_avoided_share(*of_first[i]),
+            predicted=_compute_avoided_share(*of_first[i]),
         )
         for i, label in enumerate(first)
     ]
     shares += [
         ConfigurationShare(
-            observation=second[i], side="second", measured=None, predicted=_avoided_share(*of_second[i])
+            observation=second[i],
+            side="second",
+            measured=None,
+            predicted=_compute_avoided_share(*of_second[i]),
         )
         for i in alone
     ]
     return AvoidedDeflection(
-        matching=len(each), measured=measured, predicted=_avoided_share(*total), configurations=shares
+        matching=len(each), measured=measured, predicted=_compute_avoided_share(*total), configurations=shares
     )
 
 
-def measured_shares(
+def compute_measured_shares(
     readings: Sequence[Measurements], matches: Matches, sigmas: Sequence[float | None]
 ) -> tuple[list[Estimate | None], Estimate | None]:
-    """Compare the readings of matching observations.
+    """Compute the share of the measured deflection that the second campaign avoids.
 
     The length of a deflection d has to first order the standard uncertainty ``√(d̂ᵀ Σ d̂)``, d̂ its
     direction and Σ its covariance; readings are independent.
 
     Args:
-        readings: of the campaign with the greater deflections, and of the other.
+        readings: readings of the campaign with the greater deflections, then of the other campaign.
         matches: their K matching observations.
         sigmas: standard uncertainty of one coordinate of one reading in each campaign [m], or None.
 
     Returns:
-        Share of the mean deflection of the shared targets, by observation (K,) and over all.
+        Avoided share of the mean deflection of the shared targets: a list of K by observation, and one value
+        over all observations. A share is None where the first campaign shows no deflection.
     """
     means, uncertainties, count = [], [], matches.present.sum(axis=1)
     for own, at, targets, sigma in zip(
@@ -464,23 +495,23 @@ def measured_shares(
         means.append((length * matches.present).sum(axis=1) / count)
         scale = np.nan if sigma is None else sigma
         uncertainties.append(scale * np.sqrt((variance * matches.present).sum(axis=1)) / count)
-    each = [_estimate(*numbers) for numbers in zip(*means, *uncertainties, strict=True)]
+    each = [_estimate_avoided_share(*numbers) for numbers in zip(*means, *uncertainties, strict=True)]
     if not each:
         return each, None
     totals = [float(mean.sum()) for mean in means]
-    return each, _estimate(*totals, *(float(np.sqrt((u**2).sum())) for u in uncertainties))
+    return each, _estimate_avoided_share(*totals, *(float(np.sqrt((u**2).sum())) for u in uncertainties))
 
 
-def _predicted_lengths(side: Side, compliances: FloatArray, unknown: BoolArray) -> FloatArray:
-    """Return the mean predicted deflection of each observation's targets, by both campaigns' compliances.
+def _predict_mean_lengths(side: Side, compliances: FloatArray, unknown: BoolArray) -> FloatArray:
+    """Predict the mean deflection of each observation's targets with the compliances of either campaign.
 
     Args:
-        side: N observations, of either campaign.
+        side: campaign with the N observations.
         compliances: (2, n) of both campaigns [rad/(N·m)].
         unknown: (n,) joints that one of the campaigns does not show.
 
     Returns:
-        (N, 2) [m]; NaN for observations that twist an unknown joint.
+        (N, 2) mean lengths [m], by observation and campaign; NaN where an unknown joint is twisted.
     """
     robot, measurements, means = side.robot, side.measurements, []
     count = measurements.present.sum(axis=1)
@@ -494,14 +525,21 @@ def _predicted_lengths(side: Side, compliances: FloatArray, unknown: BoolArray) 
     return np.where(hidden[:, None], np.nan, np.stack(means, axis=1))
 
 
-def _avoided_share(first: float, second: float) -> float | None:
-    """Return the share that is avoided; None without a deflection on the first side."""
+def _compute_avoided_share(first: float, second: float) -> float | None:
+    """Return the share ``1 − second/first`` of a deflection that is avoided; None if the first is zero."""
     return 1.0 - float(second / first) if first > 0 else None
 
 
-def _estimate(first: float, second: float, u_first: float, u_second: float) -> Estimate | None:
-    """Return the share, with the law of propagation of uncertainty (GUM, 5.1.2)."""
-    share = _avoided_share(first, second)
+def _estimate_avoided_share(first: float, second: float, u_first: float, u_second: float) -> Estimate | None:
+    """Return the avoided share of two mean deflections [m] with its standard uncertainty (GUM, 5.1.2).
+
+    Args:
+        first: mean deflection of the first campaign.
+        second: mean deflection of the second campaign.
+        u_first: standard uncertainty of the first; NaN if unknown.
+        u_second: standard uncertainty of the second; NaN if unknown.
+    """
+    share = _compute_avoided_share(first, second)
     if share is None:
         return None
     uncertainty = float(np.hypot(u_second, float(second / first) * u_first) / first)
@@ -528,13 +566,13 @@ class Change:
     def between(
         cls, first: tuple[float, float], second: tuple[float, float], degrees_of_freedom: float = inf
     ) -> Change:
-        """Return the change between two campaigns, each with ln k and its own standard uncertainty.
+        """Return the change of ln k from the first to the second campaign.
 
         Args:
-            first: of the first campaign.
-            second: of the second campaign.
-            degrees_of_freedom: the fewer of both: a change is then significant by chance at most as often as
-                the level says.
+            first: ln k of the first campaign, and its standard uncertainty by the campaign's own errors.
+            second: the same of the second campaign.
+            degrees_of_freedom: the fewer degrees of freedom of the two uncertainties, so that a change is
+                significant by chance at most as often as the level says.
         """
         return cls(second[0] - first[0], hypot(first[1], second[1]), degrees_of_freedom)
 
@@ -555,27 +593,26 @@ class Change:
         return float(2.0 * special.stdtr(self.degrees_of_freedom, -ratio))
 
     def is_significant(self, tests: int) -> bool:
-        """Return whether it is more than chance, being one of some tests at `CHANGED_LEVEL` (Boole)."""
+        """Return whether the change is significant at `CHANGED_LEVEL` divided by the number of tests."""
         return self.p_value < CHANGED_LEVEL / tests
 
 
 def log_stiffness(
     compliance: float | None, standard_uncertainty: float | None, shared: float = 0.0
 ) -> tuple[float, float] | None:
-    """Return ln k = -ln c and its standard uncertainty u(c) / c.
+    """Return the logarithm ln k = -ln c of a joint's stiffness, and its standard uncertainty u(c) / c.
 
-    Compliance is what the readings determine; its logarithm has the same relative uncertainty as that of
-    the stiffness, and no greatest value has to be made up for a joint that may be rigid.
+    The logarithms of compliance and stiffness have the same standard uncertainty.
 
     Args:
         compliance: [rad/(N·m)].
-        standard_uncertainty: of the compliance [rad/(N·m)].
-        shared: part of it that is the same error in all campaigns, such as the scale of one load cell
-            [rad/(N·m)]: no difference between campaigns holds it.
+        standard_uncertainty: standard uncertainty of the compliance [rad/(N·m)].
+        shared: part of the uncertainty by errors that are the same in all campaigns, such as the scale of one
+            load cell [rad/(N·m)]; they cancel in a difference and are taken off.
 
     Returns:
-        None for a joint without a number, for a rigid one, and where the campaign's own part of u(c) / c
-        exceeds `MOST_RELATIVE`: an interval of such a stiffness is open or nearly so.
+        ln k and its uncertainty by the campaign's own errors; None for a joint without a number, for a rigid
+        joint, and where this uncertainty exceeds `MOST_RELATIVE`.
     """
     if compliance is None or standard_uncertainty is None or not compliance > 0:
         return None

@@ -69,7 +69,7 @@ class Equipment:
     def measurements(
         self, robot: Robot, joints: FloatArray, force: FloatArray, along: FloatArray | None = None
     ) -> Measurements:
-        """Return readings still to be taken, with deflections of zero and the covariance that they will have.
+        """Return planned readings as measurements, with zero deflections and the covariance expected.
 
         Args:
             robot: n joints.
@@ -93,11 +93,17 @@ class Equipment:
         if self.instrument is None:
             return plain
         noise = DifferenceNoise.by(self.instrument, robot, plain)
-        # The unit of the covariance is the sigma stated here, whatever that of these places is.
+        # The instrument's covariance has a sigma of its own as unit: convert it to the sigma stated here.
         return replace(plain, covariance=noise.covariance * (noise.sigma / self.sigma) ** 2)
 
     def direction(self, robot: Robot, joints: FloatArray, anchor: IndexArray) -> FloatArray | None:
-        """Return unit vectors (N, 3) in R0 of a weight or towards anchors (N,); None for any direction."""
+        """Return the directions (N, 3) of the forces in R0; None if a force may have any direction.
+
+        Args:
+            robot: n joints.
+            joints: (N, n) positions as the controller shows them [rad or m].
+            anchor: (N,) index of the anchor to which a cable pulls.
+        """
         if self.loads.kind == "any_direction":
             return None
         if self.loads.kind == "dead_weight":
@@ -118,20 +124,20 @@ class Equipment:
         return np.asarray(np.minimum(self.loads.force, (self.loads.torque_limit / lever).min(axis=1)))
 
 
-def feasible(
+def find_feasible(
     robot: Robot, equipment: Equipment, cell: Surroundings, joints: FloatArray, direction: FloatArray | None
 ) -> tuple[BoolArray, dict[str, int]]:
-    """Return which readings can be taken.
+    """Find out which readings can be taken with the equipment in the surroundings.
 
     Args:
         robot: n joints.
         equipment: targets, load and tracker.
-        cell: surroundings; the directions of reflectors in the order of the targets.
+        cell: surroundings; directions of reflectors are in the order of the targets.
         joints: (N, n) positions as the controller shows them [rad or m].
         direction: (N, 3) of the force, axes of R0; None where it is free.
 
     Returns:
-        Mask (N,), and how many were struck out for which reason: the first one counts.
+        Mask (N,) of feasible readings; and the number of others by the first reason that excludes them.
     """
     count, model = len(joints), robot.joint_map.model_angles(joints)
     now = Postures(robot, model)
@@ -150,8 +156,8 @@ def feasible(
         jacobian = now.jacobian_at(load[:, None])[:, 0]
         torque = equipment.loads.force * np.einsum("nij,ni->nj", jacobian, direction)
         struck["torque"] = (np.abs(torque) > equipment.loads.torque_limit).any(axis=1)
-    struck["floor_or_box"] = _out_of_bounds(cell, points, targets, radius)
-    # Links that are apart along the arm, by more than twice their thickness, and touch
+    struck["floor_or_box"] = _find_out_of_bounds(cell, points, targets, radius)
+    # Only links that are apart along the arm by more than twice their thickness can collide.
     struck["self_collision"] = np.zeros(count, dtype=np.bool_)
     lengths = np.linalg.norm(np.diff(points, axis=1), axis=2).max(axis=0)
     for i, j in combinations(range(len(lengths)), 2):
@@ -160,7 +166,9 @@ def feasible(
             struck["self_collision"] |= apart < 2.0 * radius
     if equipment.instrument is not None:
         station = np.array(equipment.instrument.station)
-        hidden = [_link_between(points, radius, station, targets[:, t]) for t in range(targets.shape[1])]
+        hidden = [
+            _is_crossed_by_link(points, radius, station, targets[:, t]) for t in range(targets.shape[1])
+        ]
         struck["line_of_sight"] = np.any(hidden, axis=0)
         if cell.facing:
             facing = np.array(list(cell.facing.values()))
@@ -174,15 +182,24 @@ def feasible(
         length = np.linalg.norm(towards, axis=2)
         own = np.argmax(np.einsum("nai,ni->na", towards, direction) / np.maximum(length, 1e-9), axis=1)
         struck["cable"] = length[np.arange(count), own] < _SHORTEST_CABLE
-        struck["cable"] |= _link_between(points, radius, load, equipment.loads.anchors[own])
+        struck["cable"] |= _is_crossed_by_link(points, radius, load, equipment.loads.anchors[own])
     first = np.argmax(list(struck.values()), axis=0)
     kept = ~np.any(list(struck.values()), axis=0)
     counts = {reason: int(((first == i) & ~kept).sum()) for i, reason in enumerate(struck)}
     return kept, {reason: number for reason, number in counts.items() if number}
 
 
-def _out_of_bounds(cell: Surroundings, points: FloatArray, targets: FloatArray, radius: float) -> BoolArray:
-    """Return where a link, a target or the load point is below the floor, outside, or in an obstacle (N,)."""
+def _find_out_of_bounds(
+    cell: Surroundings, points: FloatArray, targets: FloatArray, radius: float
+) -> BoolArray:
+    """Return a mask (N,) of postures in which a link, target or load point is out of bounds.
+
+    Args:
+        cell: floor, walls and obstacles.
+        points: (N, P, 3) origins of the joint frames, flange and load point in R0 [m].
+        targets: (N, T, 3) in R0 [m].
+        radius: radius of the links [m].
+    """
     start, end = points[:, _FIRST_MOVING:-1, None], points[:, _FIRST_MOVING + 1 :, None]
     along = start + _SAMPLES[:, None] * (end - start)
     places = np.concatenate([along.reshape(len(along), -1, 3), targets], axis=1)
@@ -196,8 +213,15 @@ def _out_of_bounds(cell: Surroundings, points: FloatArray, targets: FloatArray, 
     return bad
 
 
-def _link_between(points: FloatArray, radius: float, start: FloatArray, end: FloatArray) -> BoolArray:
-    """Return where a link is between start and end, (3,) or (N, 3) each (N,)."""
+def _is_crossed_by_link(points: FloatArray, radius: float, start: FloatArray, end: FloatArray) -> BoolArray:
+    """Return a mask (N,) of postures in which a link crosses the line from start to end.
+
+    Args:
+        points: (N, P, 3) ends of the links in R0 [m].
+        radius: radius of the links [m].
+        start: (3,) or (N, 3) in R0 [m].
+        end: (3,) or (N, 3) in R0 [m].
+    """
     bad = np.zeros(len(points), dtype=np.bool_)
     for i in range(points.shape[1] - 1 - _NEAR_FLANGE):
         bad |= segment_distance(points[:, i], points[:, i + 1], start, end) < radius
@@ -205,16 +229,13 @@ def _link_between(points: FloatArray, radius: float, start: FloatArray, end: Flo
 
 
 def segment_distance(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> FloatArray:
-    """Return the least distances of segments p q and r s, as in Ericson 2005, 5.1.9.
+    """Return the least distances (N,) between line segments p q and r s (Ericson 2005, 5.1.9).
 
     Args:
-        p: (N, 3) starts of the first.
-        q: (N, 3) their ends.
-        r: (N, 3) starts of the second, or (3,).
-        s: (N, 3) their ends.
-
-    Returns:
-        (N,).
+        p: (N, 3) starts of the first segments.
+        q: (N, 3) ends of the first segments.
+        r: (N, 3) starts of the second segments, or (3,).
+        s: (N, 3) ends of the second segments, or (3,).
     """
     u, v, w = q - p, s - r, p - r
     a, e, f = (u * u).sum(1), (v * v).sum(1), (v * w).sum(1)
@@ -230,8 +251,13 @@ def segment_distance(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray)
     return np.asarray(np.linalg.norm(w + x[:, None] * u - clipped[:, None] * v, axis=1))
 
 
-def drawn_postures(robot: Robot, count: int, seed: int) -> FloatArray:
-    """Draw postures evenly within the joints' limits, in whole degrees or mm as the controller shows them.
+def draw_postures(robot: Robot, count: int, seed: int) -> FloatArray:
+    """Draw random postures within the joints' limits, in whole degrees or mm as the controller shows them.
+
+    Args:
+        robot: n joints.
+        count: number of draws; those that rounding moves beyond the limits are left out.
+        seed: seed of the draw.
 
     Returns:
         (N, n) [rad or m], N at most `count`.
@@ -275,7 +301,7 @@ _SAMPLED: Final = 500
 
 @dataclass(frozen=True, eq=False)
 class PlanRequest:
-    """Hold what a plan is made for and by which rules."""
+    """Request of a plan: robot's equipment, what is known beforehand, and the rules of the choice."""
 
     equipment: Equipment  #: instrument, targets and loads
     readings: int  #: how many, those for validation included; without a goal
@@ -299,12 +325,15 @@ class PlanRequest:
     #: rows (N, 3 T, P) of unloaded positions in postures (N, n) [m], joints first, then a nuisance in units
     #: of what is known of it beforehand; None where loads bend the arm
     by_weight: Callable[[FloatArray], FloatArray] | None = None
-    seed: int = 0  #: of drawn postures, validation and random plans
+    seed: int = 0  #: seed of drawn postures, validation and random plans
     goal: JointsGoal | DeflectionGoal | None = None  #: in place of a number of readings
 
 
-def stack_of(robot: Robot, request: PlanRequest, measurements: Measurements) -> Stack:
-    """Return the rows of readings: the joints, and what else moves, in units of what is known of it.
+def build_reading_stack(robot: Robot, request: PlanRequest, measurements: Measurements) -> Stack:
+    """Build the whitened rows of readings: columns of the joints, then of the nuisance.
+
+    Nuisance columns are elastic links, or other terms in units of their prior uncertainty. Causes that were
+    fitted with the readings are projected out.
 
     Args:
         robot: n joints.
@@ -312,7 +341,7 @@ def stack_of(robot: Robot, request: PlanRequest, measurements: Measurements) -> 
         measurements: N readings of T targets.
 
     Returns:
-        P columns; of readings with which causes were fitted, what these leave.
+        Stack with P columns, and the reading last.
     """
     hedged = [term for term in TERMS.values() if term.hedged]
     terms = [JOINTS, *([links_behind(tuple(range(robot.n)))] if request.links else hedged)]
@@ -323,10 +352,10 @@ def stack_of(robot: Robot, request: PlanRequest, measurements: Measurements) -> 
     return stack.left_by([term.name for term in fitted]) if fitted else stack
 
 
-def known_rows(robot: Robot, request: PlanRequest, so_far: Measurements) -> FloatArray:
-    """Return the rows (3 N T, P) of readings that were taken, in units of sigma."""
+def build_known_rows(robot: Robot, request: PlanRequest, so_far: Measurements) -> FloatArray:
+    """Build the rows (3 N T, P) of readings already taken, in units of sigma."""
     if request.by_weight is None:
-        return stack_of(robot, request, so_far).flat[:, :-1]
+        return build_reading_stack(robot, request, so_far).flat[:, :-1]
     taken = np.repeat(so_far.present & ~so_far.in_flange, 3, axis=1)[..., None]
     rows = request.by_weight(so_far.joints) * taken
     return rows.reshape(-1, rows.shape[-1])
@@ -343,19 +372,19 @@ class Readings:
     along: FloatArray | None = None  #: (N, 3) directions along which to read; None if all coordinates are
 
     def __getitem__(self, part: IndexArray | BoolArray | slice) -> Readings:
-        """Some of them, in the given order."""
+        """Return some of the readings, in the given order."""
         along = None if self.along is None else self.along[part]
         return Readings(self.joints[part], self.anchor[part], self.forces[part], along)
 
     def rows(self, robot: Robot, request: PlanRequest, equipment: Equipment) -> FloatArray:
-        """Return the rows (N, L, 3 T, P) of readings under each of L loads, in units of sigma."""
+        """Return the rows (N, L, 3 T, P) of N readings under each of L loads, in units of sigma."""
         if request.by_weight is not None:
             return request.by_weight(self.joints)[:, None]
         loaded = [
             equipment.measurements(robot, self.joints, self.forces[:, a], self.along)
             for a in range(self.forces.shape[1])
         ]
-        return np.stack([stack_of(robot, request, each).rows[..., :-1] for each in loaded], axis=1)
+        return np.stack([build_reading_stack(robot, request, each).rows[..., :-1] for each in loaded], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -370,7 +399,7 @@ class Parameters:
     prior: FloatArray  #: (p, p) information known beforehand, in units of 1/variance of a parameter
 
 
-def parameters_of(
+def choose_parameters(
     rows: FloatArray,
     predicted: FloatArray,
     names: Sequence[str],
@@ -378,21 +407,21 @@ def parameters_of(
     nominal: FloatArray,
     link_share: float | None,
 ) -> Parameters:
-    """Choose the parameters of a plan.
+    """Choose the parameters of a plan: relative compliances of joints, then the nuisance.
 
-    Link compliances, where the rows have their columns, are a nuisance. Before any reading they are taken
-    to move the places by a share of what the joints do, each matrix entry alike; all of their combinations
-    that move what is to be predicted are kept, but for a share of `LEFT_OUT` of the variance.
+    Link compliances are a nuisance. Before any reading they are taken to move the places by a share of what
+    the joints do, each matrix entry alike. Combinations that move what is to be predicted are kept, except
+    for a share `LEFT_OUT` of the variance.
 
     Args:
         rows: (K, n) or (K, P) of candidates, whitened; the first n columns are the joints'.
         predicted: (L, n) or (L, P) of what is to be predicted; the same as `rows` without a work area.
-        names: of the n joints.
-        wanted: joints to be determined; all that the loads excite if None. Others that they excite are a
-            nuisance.
+        names: names of the n joints.
+        wanted: indices of joints to be determined; None for all that the loads excite. Other joints that the
+            loads excite are a nuisance.
         nominal: (n,) compliance [rad/(N·m)]; nan where it is not known.
-        link_share: root mean square deflection by links, relative to that by joints; None where the nuisance
-            is none of links, its columns in units of what is known of it.
+        link_share: root mean square deflection by links, relative to that by joints; None where links are no
+            nuisance, so that nuisance columns are already in units of their prior uncertainty.
 
     Raises:
         RequestError: no candidate excites a wanted joint.
@@ -418,7 +447,7 @@ def parameters_of(
     relative[columns, np.arange(len(columns))] = unit[columns]
     nuisance = np.eye(rows.shape[1])[:, n:]
     if link_share is not None and nuisance.size:
-        # The combinations of link compliances that the rows see, scaled to unit prior
+        # Keep the combinations of link compliances that matter, scaled to unit prior variance.
         links = predicted[:, n:]
         size = np.sqrt(np.square(links).mean(axis=0))
         seen = size > _NOT_EXCITED * size.max()
@@ -449,16 +478,16 @@ class Pool:
 
     @classmethod
     def of(cls, robot: Robot, request: PlanRequest) -> Pool:
-        """Draw or take postures, strike out what is not feasible, and compute what each reading adds.
+        """Draw or take postures, strike out infeasible readings, and compute the information of the rest.
 
         Raises:
             RequestError: no reading is feasible, or nothing excites a joint.
         """
         equipment, sigma = request.equipment, request.equipment.sigma
-        readings, inside, struck_out = _feasible_readings(robot, request)
+        readings, inside, struck_out = _select_feasible_readings(robot, request)
         count = len(readings.joints)
         if request.links or request.by_weight is not None:
-            # At most so many, those in the work area first, and evenly spread
+            # Keep at most `_WITH_NUISANCE` readings, evenly spread, those in the work area first.
             thinned = np.zeros(count, dtype=np.bool_)
             for index in (np.flatnonzero(inside), np.flatnonzero(~inside)):
                 room = _WITH_NUISANCE - int(thinned.sum())
@@ -466,7 +495,9 @@ class Pool:
                     thinned[index[:: max(1, -(-len(index) // room))]] = True
             readings, inside = readings[thinned], inside[thinned]
         predicted = (
-            None if request.work_area is None else _predicted_rows(robot, request, readings.joints[inside])
+            None
+            if request.work_area is None
+            else _build_predicted_rows(robot, request, readings.joints[inside])
         )
         if request.directions is not None:
             along = np.tile(request.directions, (len(readings.joints), 1))
@@ -477,9 +508,9 @@ class Pool:
         sampled = readings[sample].rows(robot, request, equipment)
         seen = sampled.reshape(-1, sampled.shape[-1])
         so_far = request.so_far
-        known = seen[:0] if so_far is None else known_rows(robot, request, so_far)
+        known = seen[:0] if so_far is None else build_known_rows(robot, request, so_far)
         seen = np.concatenate([seen, known]) / sigma
-        parameters = parameters_of(
+        parameters = choose_parameters(
             seen,
             seen if predicted is None else predicted.reshape(-1, seen.shape[1]),
             robot.joint_names,
@@ -504,26 +535,31 @@ class Pool:
         return cls(readings, candidates, parameters, base, places, predicted, count, struck_out)
 
     def force(self, unit: FloatArray, index: IndexArray) -> FloatArray:
-        """Return the forces (k, 3) [N] of candidates, along unit vectors where their direction is free."""
+        """Return the forces (k, 3) [N] of candidates, along unit vectors (k, 3) if directions are free."""
         forces = self.readings.forces[index]
         return (unit[:, None] @ forces)[:, 0] if self.candidates.free else forces[:, 0]
 
 
-def _feasible_readings(robot: Robot, request: PlanRequest) -> tuple[Readings, BoolArray, dict[str, int]]:
-    """Return the feasible readings, a mask (N,) of those in the work area, and why others are out.
+def _select_feasible_readings(
+    robot: Robot, request: PlanRequest
+) -> tuple[Readings, BoolArray, dict[str, int]]:
+    """Select the feasible readings of all postures and loads.
+
+    Returns:
+        The N feasible readings; a mask (N,) of those in the work area; and the numbers of others by reason.
 
     Raises:
-        RequestError: there is none, or too few are in the work area.
+        RequestError: no reading is feasible, or too few are in the work area.
     """
     equipment, loads = request.equipment, request.equipment.loads
     postures = request.postures
     if postures is None:
-        postures = drawn_postures(robot, request.candidates, request.seed)
+        postures = draw_postures(robot, request.candidates, request.seed)
     choices = len(loads.anchors) if loads.kind == "cable" else 1
     joints = np.repeat(postures, choices, axis=0)
     anchor = np.tile(np.arange(choices), len(postures))
     direction = equipment.direction(robot, joints, anchor)
-    kept, struck_out = feasible(robot, equipment, request.cell, joints, direction)
+    kept, struck_out = find_feasible(robot, equipment, request.cell, joints, direction)
     if not kept.any():
         counts = ", ".join(f"{name} {count}" for name, count in struck_out.items())
         raise RequestError(
@@ -550,17 +586,17 @@ def _feasible_readings(robot: Robot, request: PlanRequest) -> tuple[Readings, Bo
     return Readings(joints, anchor, forces), inside, struck_out
 
 
-def _predicted_rows(robot: Robot, request: PlanRequest, inside: FloatArray) -> FloatArray:
-    """Return rows (R, 9, P) of the deflection at places of the work area, by forces along the axes of R0 [m].
+def _build_predicted_rows(robot: Robot, request: PlanRequest, inside: FloatArray) -> FloatArray:
+    """Build rows (R, 9, P) of the deflection [m] at places of the work area, by forces along the axes of R0.
 
     Args:
         robot: n joints.
-        request: with the load.
-        inside: postures of candidates in the work area.
+        request: request with the load.
+        inside: (M, n) postures of candidates in the work area; at most `_PLACES` are used.
     """
     joints, point = inside[:: max(1, len(inside) // _PLACES)][:_PLACES], request.equipment.load_point
     equipment = Equipment(point[None], point, request.equipment.loads, 1.0)
     forces = np.broadcast_to(request.equipment.loads.force * np.eye(3), (len(joints), 3, 3))
     rows = Readings(joints, np.full(len(joints), -1), forces).rows(robot, request, equipment)
-    # Whitened as a difference of two readings of sigma 1.
+    # Rows are whitened as differences of two readings of sigma 1, whose variance is 2: undo this.
     return np.asarray(np.sqrt(2.0) * rows.reshape(len(joints), 9, -1))

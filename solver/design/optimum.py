@@ -52,19 +52,19 @@ class Slope(NamedTuple):
 
 @dataclass(frozen=True)
 class DOptimality:
-    """Volume of the uncertainty ellipsoid of the first parameters."""
+    """D-optimality: volume of the uncertainty ellipsoid of the first s parameters."""
 
-    interest: int  #: s, how many
+    interest: int  #: number s of the parameters of interest
 
     def information(self, M: FloatArray) -> FloatArray:
-        """Return det(C)^(1/s)."""
+        """Return the information det(C)^(1/s) (...) of matrices M (..., p, p); zero where M is singular."""
         s = self.interest
         rest = _log_det(M[..., s:, s:])
         regular = np.isfinite(rest)
         return np.asarray(regular * np.exp((_log_det(M) - np.where(regular, rest, 0.0)) / s))
 
     def support(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:  # noqa: ARG002
-        """Return φ/s · (M⁻¹ − M₂₂⁻¹)."""
+        """Return the supporting matrix G = φ/s · (M⁻¹ − M₂₂⁻¹) at M; `dual` is not needed."""
         s = self.interest
         G = np.linalg.inv(M)
         G[s:, s:] -= np.linalg.inv(M[s:, s:])
@@ -72,40 +72,40 @@ class DOptimality:
         return self.information(M) / s * G
 
     def slope(self, M: FloatArray, K: FloatArray) -> Slope:
-        """Return −log det(C)/s with its derivatives."""
+        """Return −log φ = −log det(C)/s with its derivatives along K (k, p, p)."""
         s = self.interest
         value, gradient, hessian = _log_det_slope(M, K)
         rest, its_gradient, its_hessian = _log_det_slope(M[s:, s:], K[:, s:, s:])
         return Slope(-(value - rest) / s, -(gradient - its_gradient) / s, (hessian - its_hessian) / s)
 
     def scaled(self, unit: FloatArray) -> DOptimality:  # noqa: ARG002
-        """Return the same: units change φ by a factor."""
+        """Return the same criterion, as other units change φ by a factor only."""
         return self
 
 
 @dataclass(frozen=True, eq=False)
 class AOptimality:
-    """Weighted mean of the variances.
+    """A-optimality: weighted mean tr(W M⁻¹) of the variances.
 
-    With W = diag(1/c²) it is that of the relative variances, with W the mean of AᵀA over places that of the
-    variance of a predicted deflection (I-optimality).
+    With W = diag(1/c²) these are relative variances of compliances. With W the mean of AᵀA over places it is
+    the variance of a predicted deflection (I-optimality).
     """
 
     W: FloatArray  #: (p, p) positive semidefinite
 
     def information(self, M: FloatArray) -> FloatArray:
-        """Return 1 / tr(W M⁻¹)."""
-        inverse, regular = _inverse(M)
+        """Return the information 1 / tr(W M⁻¹) (...) of matrices M (..., p, p); zero where M is singular."""
+        inverse, regular = _invert_regular(M)
         return np.asarray(regular / (self.W * inverse).sum(axis=(-2, -1)))
 
     def support(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:  # noqa: ARG002
-        """Return φ² · M⁻¹ W M⁻¹."""
+        """Return the supporting matrix G = φ² · M⁻¹ W M⁻¹ at M; `dual` is not needed."""
         inverse = np.linalg.inv(M)
         G = inverse @ self.W @ inverse / float((self.W * inverse).sum()) ** 2
         return 0.5 * (G + G.T)
 
     def slope(self, M: FloatArray, K: FloatArray) -> Slope:
-        """Return log tr(W M⁻¹) with its derivatives."""
+        """Return −log φ = log tr(W M⁻¹) with its derivatives along K (k, p, p)."""
         k = len(K)
         if not np.isfinite(_log_det(M)):
             return Slope(np.inf, np.zeros(k), np.zeros((k, k)))
@@ -125,7 +125,7 @@ class AOptimality:
 
 @dataclass(frozen=True, eq=False)
 class EOptimality:
-    """Worst combination of the first parameters."""
+    """E-optimality: variance of the worst combination of the first s parameters."""
 
     #: (s,) V, by which C is multiplied on both sides, as the criterion depends on the units
     metric: FloatArray
@@ -133,12 +133,16 @@ class EOptimality:
     def information(self, M: FloatArray) -> FloatArray:
         """Return the least eigenvalue of the first parameters' scaled information; 0 if M is singular."""
         s = len(self.metric)
-        inverse, regular = _inverse(M)
+        inverse, regular = _invert_regular(M)
         covariance = inverse[..., :s, :s] / np.outer(self.metric, self.metric)
         return np.asarray(regular / np.linalg.eigvalsh(covariance)[..., -1])
 
     def support(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:
-        """Return X V Z V Xᵀ; without Z that of the worst combination."""
+        """Return the supporting matrix G = X V Z V Xᵀ at M.
+
+        Z is the dual, made positive semidefinite with trace 1; without a dual, Z = v vᵀ of the worst
+        combination v.
+        """
         s = len(self.metric)
         inverse = np.linalg.inv(M)[:, :s]
         covariance = inverse[:s] / np.outer(self.metric, self.metric)
@@ -159,30 +163,33 @@ class EOptimality:
 
 @dataclass(frozen=True, eq=False)
 class GOptimality:
-    """Variance at the worst place."""
+    """G-optimality: variance of the deflection at the worst place."""
 
     places: FloatArray  #: (R, p, p) W_r of each place, positive semidefinite
 
     def information(self, M: FloatArray) -> FloatArray:
-        """Return 1 / max_r tr(W_r M⁻¹)."""
-        inverse, regular = _inverse(M)
+        """Return the information 1 / max_r tr(W_r M⁻¹) (...) of matrices M (..., p, p); zero if singular."""
+        inverse, regular = _invert_regular(M)
         return np.asarray(regular / np.einsum("rij,...ij->...r", self.places, inverse).max(axis=-1))
 
     def variances(self, M: FloatArray) -> FloatArray:
-        """Return tr(W_r M⁻¹) of each place (R,)."""
+        """Return the variance tr(W_r M⁻¹) of each place (R,)."""
         return np.asarray(np.einsum("rij,ij->r", self.places, np.linalg.inv(M)))
 
-    def mean(self, shares: FloatArray) -> AOptimality:
+    def average(self, shares: FloatArray) -> AOptimality:
         """Return the criterion of the mean variance, places weighted by shares (R,)."""
         return AOptimality(np.tensordot(shares, self.places, axes=1))
 
     def support(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:
-        """Return that of the mean variance with weights π; without π that of the worst place."""
+        """Return the supporting matrix G at M: that of the mean variance with shares π of the places.
+
+        The dual is π (R,), scaled to sum 1; without a dual, the worst place has all of the weight.
+        """
         if dual is None:
             dual = np.zeros(len(self.places))
             dual[int(np.argmax(self.variances(M)))] = 1.0
         weights = np.maximum(dual, 0.0)
-        return self.mean(weights / weights.sum()).support(M)
+        return self.average(weights / weights.sum()).support(M)
 
     def scaled(self, unit: FloatArray) -> GOptimality:
         """Return the same criterion in other units."""
@@ -193,21 +200,18 @@ SmoothCriterion: TypeAlias = DOptimality | AOptimality
 Criterion: TypeAlias = SmoothCriterion | EOptimality | GOptimality
 
 
-def uncertainty_of(M: FloatArray, s: int) -> FloatArray:
-    """Return the standard uncertainties of the first parameters; inf where M does not determine them.
+def compute_uncertainties(M: FloatArray, s: int) -> FloatArray:
+    """Compute the standard uncertainties (..., s) of the first s parameters; inf where not determined.
 
     Args:
-        M: (..., p, p) information.
-        s: how many.
-
-    Returns:
-        (..., s).
+        M: (..., p, p) information matrices.
+        s: number of parameters.
     """
     diagonal = np.diagonal(M, axis1=-2, axis2=-1)
     unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     scaled = M * (unit[..., :, None] * unit[..., None, :])
-    variance = _swept_diagonal(scaled)
-    if ((variance > 0.0) & (variance < _REGULAR)).all():  # nothing is near to singular: a tenth of the time
+    variance = _invert_diagonals(scaled)
+    if ((variance > 0.0) & (variance < _REGULAR)).all():  # no matrix is near-singular: ten times faster
         return np.asarray((unit * np.sqrt(variance))[..., :s])
     values, vectors = np.linalg.eigh(scaled)
     null = values <= 1e-12 * np.maximum(values[..., -1:], 1e-300)
@@ -217,11 +221,11 @@ def uncertainty_of(M: FloatArray, s: int) -> FloatArray:
     return np.where(free, np.inf, unit[..., :s] * np.sqrt(variance))
 
 
-def _swept_diagonal(M: FloatArray) -> FloatArray:
-    """Return the diagonals (..., p) of inverses of positive definite matrices; anything where M is singular.
+def _invert_diagonals(M: FloatArray) -> FloatArray:
+    """Return the diagonals (..., p) of the inverses of positive definite matrices M (..., p, p).
 
-    Gauss and Jordan's elimination needs no pivots there. Each operation runs along all matrices at once: a
-    third of LAPACK's time.
+    Gauss-Jordan elimination needs no pivoting for positive definite matrices, and runs along all matrices at
+    once in a third of LAPACK's time. The result is arbitrary where M is singular.
     """
     A = np.moveaxis(M, (-2, -1), (0, 1)).copy()
     with np.errstate(all="ignore"):
@@ -245,8 +249,8 @@ def _log_det(M: FloatArray) -> FloatArray:
     return np.where(regular, np.log(pivots).sum(axis=-1), -np.inf)
 
 
-def _inverse(M: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Return M⁻¹ (..., p, p), and where M is positive definite (...); elsewhere it is the identity."""
+def _invert_regular(M: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Return inverses (..., p, p), the identity where M is singular, and a mask (...) of regular M."""
     regular = np.isfinite(_log_det(M))
     return np.linalg.inv(np.where(regular[..., None, None], M, np.eye(M.shape[-1]))), regular
 
@@ -262,7 +266,7 @@ def _log_det_slope(M: FloatArray, K: FloatArray) -> tuple[float, FloatArray, Flo
 
 
 GAP: Final = 1e-9
-"""At which the search ends where the criterion is smooth and loads are given."""
+"""Gap at which the search ends where the criterion is smooth and loads are given."""
 LOOSE_GAP: Final = 1e-5
 """The same for E and G, whose optima have a kink, and for forces whose direction is free."""
 
@@ -317,18 +321,23 @@ class Atoms:
     information: FloatArray  #: (k, p, p)
 
     def __len__(self) -> int:
+        """Return the number k of atoms."""
         return len(self.index)
 
     def __getitem__(self, rows: IndexArray | BoolArray | slice) -> Atoms:
-        """Some of them, in the given order."""
+        """Return some of the atoms, in the given order."""
         return Atoms(self.index[rows], self.force[rows], self.information[rows])
 
-    def among(self, candidates: IndexArray) -> Atoms:
-        """Return these atoms of some candidates, given by their indices, as atoms of all."""
+    def map_indices(self, candidates: IndexArray) -> Atoms:
+        """Return these atoms with indices among all candidates.
+
+        Args:
+            candidates: indices of the subset of candidates to which the present indices refer.
+        """
         return Atoms(candidates[self.index], self.force, self.information)
 
-    def joined(self, *others: Atoms) -> Atoms:
-        """Return these and then the others."""
+    def join(self, *others: Atoms) -> Atoms:
+        """Return one set of these atoms and then the others."""
         parts = (self, *others)
         return Atoms(
             np.concatenate([part.index for part in parts]),
@@ -344,7 +353,7 @@ class Candidates:
     """
 
     def __init__(self, information: FloatArray, unit: FloatArray) -> None:
-        """Take information that is known already.
+        """Store the information of each candidate.
 
         Args:
             information: (N, 1, p, p) K_i, or (N, 6, p, p) of (K_ab + K_ba) / 2 for the pairs of axes xx, xy,
@@ -357,7 +366,7 @@ class Candidates:
 
     @classmethod
     def from_rows(cls, rows: FloatArray) -> Candidates:
-        """Take rows, block by block: apart from the result, memory is needed for one block only.
+        """Compute the information of each candidate from its rows, block by block to save memory.
 
         The result has N p² numbers, or 6 N p² for forces of any direction.
 
@@ -389,30 +398,31 @@ class Candidates:
         return Candidates(self._information, self._unit * unit)
 
     def __len__(self) -> int:
+        """Return the number N of candidates."""
         return len(self._information)
 
     def __getitem__(self, rows: IndexArray | slice) -> Candidates:
-        """Some of them, in the given order."""
+        """Return some of the candidates, in the given order."""
         return Candidates(self._information[rows], self._unit)
 
     def prices(self, G: FloatArray) -> FloatArray:
         """Return the greatest ``⟨G, K_i⟩`` (N,) of each candidate over the loads that it may take.
 
         Args:
-            G: (p, p) symmetric.
+            G: (p, p) symmetric supporting matrix of a criterion.
         """
-        products = self._products(slice(None), G)
-        return greatest_eigenvalue(_force_forms(products)) if self.free else products[:, 0]
+        products = self._price_by_axes(slice(None), G)
+        return greatest_eigenvalue(_arrange_force_forms(products)) if self.free else products[:, 0]
 
     def atoms(self, index: IndexArray, G: FloatArray) -> Atoms:
-        """Return some candidates, each under its load of the greatest ``⟨G, K_i⟩``."""
+        """Return candidates by index, each under the load by which its price ``⟨G, K_i⟩`` is greatest."""
         force = np.zeros((len(index), 3))
         if self.free:
-            force = np.linalg.eigh(_force_forms(self._products(index, G)).T)[1][:, :, -1]
+            force = np.linalg.eigh(_arrange_force_forms(self._price_by_axes(index, G)).T)[1][:, :, -1]
         return self.under(index, force)
 
     def best(self, G: FloatArray, allowed: BoolArray | bool = True) -> Atoms:
-        """Return the one candidate of the greatest price among those allowed (N,)."""
+        """Return the candidate of the greatest price ``⟨G, K_i⟩`` among those allowed (N,), as one atom."""
         return self.atoms(np.array([np.argmax(np.where(allowed, self.prices(G), -np.inf))]), G)
 
     def under(self, index: IndexArray, force: FloatArray) -> Atoms:
@@ -429,14 +439,14 @@ class Candidates:
         axes = [0, 3, 5] if self.free else [0]
         return np.asarray(self._information[:, axes].sum(axis=(0, 1)) * self._squares)
 
-    def _products(self, index: IndexArray | slice, G: FloatArray) -> FloatArray:
-        """Return ``⟨G, K⟩`` (n, 1), or (n, 6) of all pairs of axes."""
+    def _price_by_axes(self, index: IndexArray | slice, G: FloatArray) -> FloatArray:
+        """Return the prices ``⟨G, K⟩`` (n, 1) of candidates, or (n, 6) by pairs of axes of a free force."""
         K = self._information[index]
         return np.asarray(K.reshape(*K.shape[:2], -1) @ (self._squares * G).ravel())
 
 
-def _force_forms(products: FloatArray) -> FloatArray:
-    """Return the quadratic forms of the force ⟨G, K_ab⟩ (3, 3, N), of products (N, 6)."""
+def _arrange_force_forms(products: FloatArray) -> FloatArray:
+    """Arrange prices (N, 6) by pairs of axes as quadratic forms (3, 3, N) of the force."""
     return products.T[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
 
 
@@ -453,12 +463,12 @@ class DesignProblem:
     """Choice of n readings among candidates, in units that bring the columns to comparable norms."""
 
     def __init__(self, candidates: Candidates, criterion: Criterion, readings: int, base: FloatArray) -> None:
-        """Bring the choice to those units.
+        """Scale candidates, criterion and earlier information to comparable columns.
 
         Args:
-            candidates: N of p parameters.
-            criterion: by which designs are compared.
-            readings: n, how many are to be taken.
+            candidates: N candidate readings of p parameters.
+            criterion: criterion by which designs are compared.
+            readings: number n of readings to take.
             base: M0 (p, p), information of earlier readings and of priors; zero for none.
 
         Raises:
@@ -488,22 +498,22 @@ class DesignProblem:
         return np.asarray(self.base + self.readings * np.tensordot(weights, atoms.information, axes=1))
 
     def bound(self, M: FloatArray, dual: FloatArray | None = None) -> Bound:
-        """Bound what any weights of the candidates can reach.
+        """Bound the information φ that any weights of the candidates can reach.
 
         ``φ(M′) ≤ ⟨G, M0⟩ + n Σ w′_i ⟨G, K_i⟩``: the greatest price takes the place of the mean. It holds for
         any M; the better M, the sharper.
 
         Args:
             M: (p, p) positive definite, information of a design.
-            dual: of the criterion, as for `Criterion.support`.
+            dual: dual variable of the criterion, as for its `support`; None for the default.
         """
         support = self.criterion.support(M, dual)
         prices = self.candidates.prices(support)
-        upper = self.upper(support, float(prices.max()))
+        upper = self.upper_bound(support, float(prices.max()))
         return Bound(min(1.0, float(self.criterion.information(M)) / upper), support, prices)
 
-    def upper(self, support: FloatArray, mean_price: float) -> float:
-        """Return the bound ⟨G, M0⟩ + n d on φ, d a bound on the mean price of the readings."""
+    def upper_bound(self, support: FloatArray, mean_price: float) -> float:
+        """Return the upper bound ⟨G, M0⟩ + n d on φ, d a bound on the mean price of the n readings."""
         return float((support * self.base).sum()) + self.readings * mean_price
 
 
@@ -518,10 +528,10 @@ class Design:
 
 
 def optimise(problem: DesignProblem, tolerance: float | None = None) -> Design:
-    """Find optimal weights.
+    """Find the optimal weights of candidate readings, with a certificate.
 
     Args:
-        problem: the choice.
+        problem: readings to choose from, and the criterion.
         tolerance: gap at which the search ends; `GAP` or `LOOSE_GAP` if None.
 
     Raises:
@@ -535,7 +545,7 @@ def optimise(problem: DesignProblem, tolerance: float | None = None) -> Design:
     efficiency, stalled = 0.0, 0
     best: tuple[Atoms, FloatArray, Bound] | None = None
     for _ in range(_ROUNDS):
-        weights, dual = _solve_held(problem, held, weights)
+        weights, dual = _optimise_held_weights(problem, held, weights)
         bound = problem.bound(problem.matrix(held, weights), dual)
         held, weights = held[weights > _NO_WEIGHT], weights[weights > _NO_WEIGHT]
         stalled += 1
@@ -547,18 +557,18 @@ def optimise(problem: DesignProblem, tolerance: float | None = None) -> Design:
             M = problem.base / problem.squares
             M = M + problem.readings * np.tensordot(weights, held.information / problem.squares, axes=1)
             return Design(held, weights, M, bound)
-        # The candidates of the best prices that are not held join; with free forces also those that are
+        # Candidates of the best prices join; with free forces, also held ones under another force.
         promising = np.flatnonzero(bound.prices >= _PROMISING * bound.prices[held.index].min())
         if not problem.candidates.free:
             promising = np.setdiff1d(promising, held.index)
         entering = promising[np.argsort(-bound.prices[promising])[:_ADDED]]
-        held = held.joined(problem.candidates.atoms(entering, bound.support))
+        held = held.join(problem.candidates.atoms(entering, bound.support))
         weights = np.concatenate([weights, np.zeros(len(entering))])
     raise SolverError(f"the design did not converge: its gap is {1.0 - efficiency:.1e}")
 
 
 def _choose_start(problem: DesignProblem) -> Atoms:
-    """Choose candidates to begin with, one after the other by their price, among evenly spread ones."""
+    """Choose the first candidates one by one by their price, from an evenly spread sample."""
     every = np.arange(len(problem.candidates))
     count = max(_START, len(problem.base))
     step = max(1, len(every) // _SAMPLE)
@@ -571,57 +581,64 @@ def _choose_start(problem: DesignProblem) -> Atoms:
         chosen.append(sample.best(problem.criterion.support(M), allowed))
         allowed[chosen[-1].index] = False
         M = M + problem.readings / count * chosen[-1].information[0]
-    held = chosen[0].joined(*chosen[1:]).among(every[::step])
-    # Add candidates until all parameters are determined, as those that were sampled may lack a rare one
+    held = chosen[0].join(*chosen[1:]).map_indices(every[::step])
+    # The sample may lack the rare candidate that determines a parameter: add from all until none is missing.
     for _ in range(len(problem.base)):
         M = problem.matrix(held, np.full(len(held), 1.0 / len(held)))
         values = np.linalg.eigvalsh(M)
         if values[0] > _SINGULAR * values[-1]:
             break
         unseen = np.linalg.eigh(M)[1][:, 0]
-        held = held.joined(problem.candidates.best(np.outer(unseen, unseen)))
+        held = held.join(problem.candidates.best(np.outer(unseen, unseen)))
     return held
 
 
-def _solve_held(
+def _optimise_held_weights(
     problem: DesignProblem, held: Atoms, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray | None]:
-    """Return optimal weights of the candidates held, and the dual variable where the criterion has one."""
+    """Return optimal weights (k,) of the held candidates, and the dual of the criterion; None if it has none.
+
+    Args:
+        problem: choice of readings.
+        held: k candidates that may have a weight.
+        weights: (k,) weights to start from.
+    """
     criterion, K = problem.criterion, problem.readings * held.information
     if isinstance(criterion, SmoothCriterion):
-        return optimal_weights(criterion, problem.base, K, weights), None
+        return optimise_weights(criterion, problem.base, K, weights), None
     if isinstance(criterion, GOptimality):
-        return worst_place_weights(criterion, problem.base, K, weights)
+        return optimise_worst_place(criterion, problem.base, K, weights)
     from jointstiff.solver.estimation import convex  # takes a second to import
 
     return convex.worst_direction(problem.base, K, criterion.metric)
 
 
-def optimal_weights(
+def optimise_weights(
     criterion: SmoothCriterion, base: FloatArray, K: FloatArray, weights: FloatArray
 ) -> FloatArray:
     """Maximise φ(base + Σ w_i K_i) subject to Σ w = 1 and w ≥ 0, by Newton's method.
 
     Args:
         criterion: φ.
-        base: (p, p).
-        K: (k, p, p).
-        weights: (k,) feasible, to start from.
+        base: (p, p) information of earlier readings and priors.
+        K: (k, p, p) information of each candidate, times the number of readings.
+        weights: (k,) feasible weights to start from.
 
     Returns:
-        (k,) weights, to rounding.
+        (k,) weights, exact to rounding.
 
     Raises:
         SolverError: rounding hides a parameter, so that φ has no curvature.
     """
 
     def slope(w: FloatArray) -> Slope:
+        """Return −log φ with its derivatives at weights w (k,)."""
         return criterion.slope(base + (w @ K.reshape(len(K), -1)).reshape(base.shape), K)
 
     w, at, last = weights, slope(weights), np.inf
     for _ in range(_STEPS):
         step = _newton_step(at, w)
-        # Less what all entries of the gradient share: the step sums to zero, and it would round.
+        # The step sums to zero, so the weighted mean of the gradient is subtracted to lessen rounding.
         decrement = -float((at.gradient - at.gradient @ w) @ step)
         if decrement <= _CONVERGED:
             break
@@ -639,10 +656,10 @@ def optimal_weights(
 
 
 def _newton_step(at: Slope, w: FloatArray) -> FloatArray:
-    """Return the step to the minimum of the quadratic model on the simplex.
+    """Return the step (k,) from weights w to the minimum of the quadratic model on the simplex.
 
-    As non-negative least squares with a heavy row for Σ x = 1 (Lawson & Hanson 1974, chapter 23): the
-    gradient is taken less what all its entries share, so that the row has no pull at the optimum.
+    The step is solved by non-negative least squares with a heavy row for Σ x = 1 (Lawson & Hanson 1974,
+    chapter 23). The weighted mean is subtracted from the gradient: the row has no pull at the optimum.
     """
     ridge = _RIDGE * np.trace(at.hessian) / len(w) * np.eye(len(w))
     try:
@@ -659,33 +676,35 @@ def _newton_step(at: Slope, w: FloatArray) -> FloatArray:
     return np.asarray(x / x.sum() - w)
 
 
-def worst_place_weights(
+def optimise_worst_place(
     criterion: GOptimality, base: FloatArray, K: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Maximise φ of the worst place, by its dual: the shares π of the places that no weights serve better.
+    """Minimise the variance at the worst place, by the dual problem over shares π of the places.
 
-    ``max_π min_w Σ π_r tr(W_r M(w)⁻¹)``, concave in π; the slope is the variances at the best weights.
+    The dual is ``max_π min_w Σ π_r tr(W_r M(w)⁻¹)``, concave in π; its slope are the variances at the best
+    weights.
 
     Args:
         criterion: φ.
-        base: (p, p).
-        K: (k, p, p).
-        weights: (k,) feasible, to start from.
+        base: (p, p) information of earlier readings and priors.
+        K: (k, p, p) information of each candidate, times the number of readings.
+        weights: (k,) feasible weights to start from.
 
     Returns:
-        (k,) weights, and the shares (R,) of the places.
+        (k,) weights; and (R,) the shares π of the places.
     """
     count, best = len(criterion.places), weights
 
-    def negative(shares: FloatArray) -> tuple[float, FloatArray]:
+    def negative_log_dual(shares: FloatArray) -> tuple[float, FloatArray]:
+        """Return −log of the dual function at shares (R,), and its gradient; keep the best weights."""
         nonlocal best
-        best = optimal_weights(criterion.mean(np.maximum(shares, 0.0)), base, K, best)
+        best = optimise_weights(criterion.average(np.maximum(shares, 0.0)), base, K, best)
         variances = criterion.variances(base + np.tensordot(best, K, axes=1))
-        served = float(shares @ variances)
-        return -float(np.log(served)), -variances / served
+        mean_variance = float(shares @ variances)
+        return -float(np.log(mean_variance)), -variances / mean_variance
 
     solution = minimize(
-        negative,
+        negative_log_dual,
         np.full(count, 1.0 / count),
         jac=True,
         method="SLSQP",
@@ -693,5 +712,5 @@ def worst_place_weights(
         constraints=LinearConstraint(np.ones((1, count)), 1.0, 1.0),
         options={"ftol": 1e-10, "maxiter": 100},
     )
-    negative(solution.x)
+    negative_log_dual(solution.x)  # sets the best weights for the final shares
     return best, solution.x

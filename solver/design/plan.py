@@ -37,8 +37,8 @@ from jointstiff.solver.design.optimum import (
     EOptimality,
     GOptimality,
     SmoothCriterion,
+    compute_uncertainties,
     optimise,
-    uncertainty_of,
 )
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.estimate import Estimate
@@ -91,7 +91,7 @@ _IMPROVES: Final = 1.0 + 1e-10
 
 @dataclass(frozen=True, eq=False)
 class OtherPlan:
-    """A plan of as many readings made in another way."""
+    """Plan of the same number of readings, chosen in another way, for comparison."""
 
     efficiency: float  #: φ relative to the plan's
     uncertainty: FloatArray  #: (s,) standard uncertainty of each joint's relative compliance
@@ -99,7 +99,7 @@ class OtherPlan:
 
 @dataclass(frozen=True, eq=False)
 class CampaignPlan:
-    """An ordered list of readings."""
+    """Plan of a campaign: an ordered list of n readings of a robot with q joints."""
 
     joints: FloatArray  #: (n, q) controller's angles [rad], in the order in which to take them
     force: FloatArray  #: (n, 3) on the robot, axes of R0 [N]
@@ -122,7 +122,11 @@ class CampaignPlan:
 
 
 def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
-    """Plan a campaign.
+    """Plan a campaign: choose readings with a certificate, hold some out, and order them.
+
+    Args:
+        robot: q joints.
+        request: equipment, rules and number of readings, or a goal.
 
     Raises:
         RequestError: no reading is feasible, nothing excites a joint, there are too few readings or distinct
@@ -131,10 +135,10 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
     pool = Pool.of(robot, request)
     s = len(pool.parameters.joints)
     distinct = Distinct(pool.readings.joints, request.angle)
-    criteria, worst = _criteria(pool, request)
+    criteria, worst = _build_criteria(pool, request)
     if request.goal is not None:
         request = replace(
-            request, readings=least_readings(pool, request, criteria[request.criterion], distinct)
+            request, readings=find_least_readings(pool, request, criteria[request.criterion], distinct)
         )
     held_out = round(request.validation * request.readings)
     fitted = request.readings - held_out
@@ -147,9 +151,9 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         )
     problem = DesignProblem(pool.candidates, criteria[request.criterion], fitted, pool.base)
     design = optimise(problem, _LINKS_GAP if request.links else None)
-    exact = exact_design(problem, design, distinct, seed=request.seed)
+    exact = find_exact_design(problem, design, distinct, seed=request.seed)
     M = exact.matrix
-    # Least efficiency of the list by the requested criterion, and by the smooth ones
+    # Bound the efficiency of the list by the requested criterion, and by the other smooth ones.
     efficiencies: dict[PlanCriterion, float] = {}
     for name, criterion in criteria.items():
         if name == request.criterion:
@@ -157,19 +161,21 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         elif isinstance(criterion, SmoothCriterion):
             other = DesignProblem(pool.candidates, criterion, fitted, pool.base)
             best = optimise(other, _LINKS_GAP if request.links else _OTHERS_GAP)
-            efficiencies[name] = list_efficiency(other, distinct, M, best)
+            efficiencies[name] = bound_list_efficiency(other, distinct, M, best)
     deflection = None
     if worst is not None:
         mean = criteria["work_area"].information(M)
         deflection = float(mean**-0.5), float(np.sqrt(worst.variances(M).max()))
-    validation = _validation(pool, distinct, exact.atoms.index, held_out, request.seed)
-    atoms = exact.atoms.joined(validation)
-    block = _blocks(exact.atoms.information / problem.squares, pool.base, criteria[request.criterion])
+    validation = _draw_validation_readings(pool, distinct, exact.atoms.index, held_out, request.seed)
+    atoms = exact.atoms.join(validation)
+    block = _divide_into_blocks(
+        exact.atoms.information / problem.squares, pool.base, criteria[request.criterion]
+    )
     anchors = pool.readings.anchor[atoms.index]
-    if (anchors != anchors[0]).any():  # to change the anchor takes longer than to travel
+    if (anchors != anchors[0]).any():  # changing the anchor takes longer than travel: no blocks
         block = np.zeros_like(block)
     block = np.concatenate([block, np.arange(held_out) % (1 + block.max())])
-    order = ordered(pool.readings.joints[atoms.index], block if block.any() else anchors)
+    order = order_by_travel(pool.readings.joints[atoms.index], block if block.any() else anchors)
     readings = pool.readings[atoms.index[order]]
     return CampaignPlan(
         joints=readings.joints,
@@ -182,20 +188,25 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         weights_gap=1.0 - design.bound.efficiency,
         efficiencies=efficiencies,
         pool=pool,
-        uncertainty=uncertainty_of(M, s),
-        before=uncertainty_of(pool.base, s),
+        uncertainty=compute_uncertainties(M, s),
+        before=compute_uncertainties(pool.base, s),
         deflection=deflection,
-        random=random_plans(problem, M, s, request.seed),
-        one_at_a_time=one_at_a_time(problem, distinct, M, s),
+        random=average_random_plans(problem, M, s, request.seed),
+        one_at_a_time=plan_one_at_a_time(problem, distinct, M, s),
         goal_share=None if request.goal is None else goal_share(pool, request.goal, M),
     )
 
 
-def _criteria(pool: Pool, request: PlanRequest) -> tuple[dict[PlanCriterion, Criterion], GOptimality | None]:
-    """Return the criteria that apply, and that of the worst place; None without a work area.
+def _build_criteria(
+    pool: Pool, request: PlanRequest
+) -> tuple[dict[PlanCriterion, Criterion], GOptimality | None]:
+    """Build the criteria that apply to a plan.
+
+    Returns:
+        The criteria by name; and that of the worst place, None without a work area.
 
     Raises:
-        RequestError: the requested one needs a work area.
+        RequestError: the requested criterion needs a work area.
     """
     s, p = len(pool.parameters.joints), len(pool.base)
     criteria: dict[PlanCriterion, Criterion] = {
@@ -217,13 +228,13 @@ def _criteria(pool: Pool, request: PlanRequest) -> tuple[dict[PlanCriterion, Cri
 
 
 def goal_share(pool: Pool, goal: JointsGoal | DeflectionGoal, M: FloatArray) -> float:
-    """Return the expanded uncertainty after a list of information M (p, p) over that of the goal.
+    """Return the expanded uncertainty by information M (p, p), relative to that of the goal.
 
     Raises:
         RequestError: the goal is about deflections, and there is no work area.
     """
     if isinstance(goal, JointsGoal):
-        return _COVERAGE * float(uncertainty_of(M, len(pool.parameters.joints)).max()) / goal.relative
+        return _COVERAGE * float(compute_uncertainties(M, len(pool.parameters.joints)).max()) / goal.relative
     if pool.places is None:
         raise RequestError(
             "the goal is about deflections, and the work area is missing",
@@ -234,13 +245,13 @@ def goal_share(pool: Pool, goal: JointsGoal | DeflectionGoal, M: FloatArray) -> 
     return _COVERAGE * float(information**-0.5 if information > 0.0 else np.inf) / goal.uncertainty
 
 
-def least_readings(pool: Pool, request: PlanRequest, criterion: Criterion, distinct: Distinct) -> int:
-    """Return the least number of readings, those held out among them, whose list meets the goal.
+def find_least_readings(pool: Pool, request: PlanRequest, criterion: Criterion, distinct: Distinct) -> int:
+    """Find the least number of readings, those held out included, that meets the goal.
 
-    Uncertainties fall with the root of the number of readings, nearly: that brackets it, and halving ends it.
+    Uncertainties fall nearly with the root of the number of readings. This gives a bracket, which is halved.
 
     Raises:
-        RequestError: as many readings as a plan may have do not meet it.
+        RequestError: the greatest number of readings of a plan does not meet the goal.
     """
     goal, s = request.goal, len(pool.parameters.joints)
     a_reading = (3 if request.directions is None else 1) * len(request.equipment.targets)
@@ -248,9 +259,10 @@ def least_readings(pool: Pool, request: PlanRequest, criterion: Criterion, disti
     most = MAX_READINGS - round(request.validation * MAX_READINGS)
 
     def share(fitted: int) -> float:
+        """Return the uncertainty relative to that of the goal, with a number of fitted readings."""
         problem = DesignProblem(pool.candidates, criterion, fitted, pool.base)
         design = optimise(problem, _LINKS_GAP if request.links else None)
-        M = exact_design(problem, design, distinct, seed=request.seed).matrix
+        M = find_exact_design(problem, design, distinct, seed=request.seed).matrix
         return 0.0 if goal is None else goal_share(pool, goal, M)
 
     low, high = least - 1, least
@@ -271,41 +283,58 @@ def least_readings(pool: Pool, request: PlanRequest, criterion: Criterion, disti
     return count
 
 
-def _validation(pool: Pool, distinct: Distinct, chosen: IndexArray, count: int, seed: int) -> Atoms:
-    """Draw readings at random that are distinct from those chosen, and under loads drawn at random."""
+def _draw_validation_readings(
+    pool: Pool, distinct: Distinct, chosen: IndexArray, count: int, seed: int
+) -> Atoms:
+    """Draw readings for validation at random, distinct from the chosen ones, under random loads.
+
+    Args:
+        pool: feasible candidates.
+        distinct: rule that postures differ.
+        chosen: indices of the readings that are fitted.
+        count: number of readings to draw.
+        seed: seed of the draw.
+
+    Raises:
+        RequestError: too few postures are distinct.
+    """
     random = np.random.default_rng([seed, 1])
-    free = ~np.any([distinct.near(i) for i in chosen], axis=0)
+    free = ~np.any([distinct.find_conflicts(i) for i in chosen], axis=0)
     validation: list[int] = []
     for i in random.permutation(len(free)):
         if len(validation) < count and free[i]:
             validation.append(int(i))
-            free &= ~distinct.near(i)
+            free &= ~distinct.find_conflicts(i)
     if len(validation) < count:
         raise RequestError(
             f"{len(validation)} of {count} readings for validation are in postures distinct from the others",
             where="distinct_angle",
             remedy="ask for fewer readings, a smaller angle, or more candidates",
         )
-    return pool.candidates.under(np.array(validation, dtype=np.intp), _drawn_directions(random, count))
+    return pool.candidates.under(np.array(validation, dtype=np.intp), _draw_directions(random, count))
 
 
-def _blocks(information: FloatArray, base: FloatArray, criterion: Criterion) -> IndexArray:
-    """Return the block (n,) of each reading: four in each, so that each is a good plan by itself.
+def _divide_into_blocks(information: FloatArray, base: FloatArray, criterion: Criterion) -> IndexArray:
+    """Divide n readings into blocks of four, so that each block is a good plan by itself.
 
     Readings are exchanged between blocks while the product of the blocks' φ grows. The last block has the
-    rest, and the best one comes first.
+    remaining readings.
 
     Args:
-        information: (n, p, p) of the readings.
-        base: (p, p) of earlier readings and priors.
-        criterion: of the plan.
+        information: (n, p, p) information of the readings.
+        base: (p, p) information of earlier readings and priors.
+        criterion: criterion of the plan.
+
+    Returns:
+        (n,) number of each reading's block; the best block has number 0.
     """
     count = len(information)
     block = np.minimum(np.arange(count) // _BLOCK, max(count // _BLOCK - 1, 0))
     total = base + information.sum(axis=0)
-    vague = _SHARE_BEFORE * np.diag(np.diagonal(total))  # few readings of a gauge determine nothing
+    vague = _SHARE_BEFORE * np.diag(np.diagonal(total))  # a few readings of a gauge alone would be singular
 
     def value(members: BoolArray) -> float:
+        """Return log φ of the readings marked in a mask (n,)."""
         value = criterion.information(base + vague + information[members].sum(axis=0))
         return float(np.log(np.maximum(value, 1e-300)))
 
@@ -326,15 +355,17 @@ def _blocks(information: FloatArray, base: FloatArray, criterion: Criterion) -> 
     return np.asarray(np.argsort(best)[block], dtype=np.intp)
 
 
-def ordered(joints: FloatArray, group: IndexArray) -> IndexArray:
-    """Order readings group by group, each by the nearest next posture, improved by reversing parts.
+def order_by_travel(joints: FloatArray, group: IndexArray) -> IndexArray:
+    """Order readings group by group so that travel is short, by nearest neighbours and 2-opt exchanges.
+
+    Travel is the greatest change of a joint from one posture to the next [rad or m].
 
     Args:
-        joints: (n, q) [rad].
-        group: (n,) of equal loads.
+        joints: (n, q) postures [rad or m].
+        group: (n,) number of the group of each reading, such as its block or anchor.
 
     Returns:
-        (n,) order. Travel is the greatest change of a joint from one posture to the next [rad or m].
+        (n,) indices of the readings in order.
     """
     order: list[int] = []
     for each in np.unique(group):
@@ -346,7 +377,7 @@ def ordered(joints: FloatArray, group: IndexArray) -> IndexArray:
         while left:
             path.append(min(left, key=lambda i: distance[path[-1], i]))
             left.remove(path[-1])
-        path.append(len(places))  # an end that is near to all
+        path.append(len(places))  # a dummy end at distance zero from all, as any posture may be last
         improved = True
         while improved:
             improved = False
@@ -370,19 +401,24 @@ class Distinct:
     #: candidate be read again
     angle: float
 
-    def near(self, candidate: int, index: IndexArray | slice = slice(None)) -> BoolArray:
-        """Return which of some candidates are not distinct from one."""
+    def find_conflicts(self, candidate: int, index: IndexArray | slice = slice(None)) -> BoolArray:
+        """Return a mask of candidates whose postures are not distinct from that of one candidate.
+
+        Args:
+            candidate: index of the one candidate.
+            index: indices of the candidates to compare; all by default.
+        """
         return np.asarray(np.abs(self.postures[index] - self.postures[candidate]).max(axis=1) < self.angle)
 
-    def best_mean(self, prices: FloatArray, count: int) -> float:
+    def bound_mean_price(self, prices: FloatArray, count: int) -> float:
         """Bound the mean price of any list of distinct readings.
 
         Two postures in one cell of a grid narrower than the angle are not distinct, so a list has at most one
         reading of each cell: the mean of the greatest prices of as many cells bounds it, whatever the grid.
 
         Args:
-            prices: (N,).
-            count: readings in a list.
+            prices: (N,) price of each candidate.
+            count: number of readings in a list.
         """
         if self.angle <= 0.0:
             return float(prices.max())
@@ -402,7 +438,7 @@ class Distinct:
 
 @dataclass(frozen=True, eq=False)
 class ExactDesign:
-    """A list of readings."""
+    """List of n readings, with its information and a bound on its efficiency."""
 
     atoms: Atoms  #: (n,) candidates with their loads, in the order in which they were found
     matrix: FloatArray  #: (p, p) information of earlier readings, priors and the list
@@ -411,50 +447,55 @@ class ExactDesign:
     efficiency: float
 
 
-def exact_design(problem: DesignProblem, design: Design, distinct: Distinct, *, seed: int = 0) -> ExactDesign:
-    """Find a list of n readings, from optimal weights.
+def find_exact_design(
+    problem: DesignProblem, design: Design, distinct: Distinct, *, seed: int = 0
+) -> ExactDesign:
+    """Find a list of n distinct readings with a great φ, starting from optimal weights.
 
-    Readings are taken one by one, the weights standing in for those to come; then each is exchanged for
-    others as long as φ grows.
+    Readings are chosen one by one, with the optimal weights in place of those still to be chosen. Then each
+    is exchanged for others as long as φ grows.
 
     Args:
-        problem: the choice.
-        design: optimal weights of it.
-        distinct: which postures go together.
-        seed: of the restarts.
+        problem: readings to choose from, and the criterion.
+        design: optimal weights of the problem.
+        distinct: rule that postures of a list differ.
+        seed: seed of the restarts.
 
     Raises:
         RequestError: there are not as many distinct postures.
     """
-    search = _Search(problem, design, distinct)
+    search = _ExchangeSearch(problem, design, distinct)
     expected = (design.matrix * problem.squares - problem.base) / problem.readings
-    best = search.improved(_complete_list(problem, distinct, [], expected))
+    best = search.improve(_complete_list(problem, distinct, [], expected))
     random = np.random.default_rng(seed)
     few = problem.readings < _LONG and len(problem.base) <= _MANY
     for _ in range(min(_MOST_RESTARTS, _RESTARTED // problem.readings) if few else 0):
         kept = random.permutation(problem.readings)[: -(-2 * problem.readings // 3)]
-        trial = search.improved(_complete_list(problem, distinct, [best[i] for i in kept], expected))
+        trial = search.improve(_complete_list(problem, distinct, [best[i] for i in kept], expected))
         best = max(best, trial, key=lambda atoms: problem.criterion.information(search.matrix(atoms)))
     M = search.matrix(best) / problem.squares
-    return ExactDesign(best[0].joined(*best[1:]), M, list_efficiency(problem, distinct, M, design))
+    return ExactDesign(best[0].join(*best[1:]), M, bound_list_efficiency(problem, distinct, M, design))
 
 
-def list_efficiency(problem: DesignProblem, distinct: Distinct, M: FloatArray, optimum: Design) -> float:
-    """Bound the share that a list has of the greatest φ of all lists which obey the same rules.
+def bound_list_efficiency(
+    problem: DesignProblem, distinct: Distinct, M: FloatArray, optimum: Design
+) -> float:
+    """Return a lower bound on the φ of a list relative to the greatest φ of all lists under the same rules.
 
     Any supporting matrix proves a bound; those of mixtures of the list and the optimal weights are tried.
 
     Args:
-        problem: the choice.
-        distinct: which postures go together.
+        problem: readings to choose from, and the criterion.
+        distinct: rule that postures of a list differ.
         M: (p, p) information with the list.
-        optimum: optimal weights.
+        optimum: optimal weights of the problem.
     """
     M, best = M * problem.squares, optimum.matrix * problem.squares
     bounds = [optimum.bound]
     bounds += [problem.bound(share * M + (1.0 - share) * best) for share in _MIXTURES]
     upper = min(
-        problem.upper(bound.support, distinct.best_mean(bound.prices, problem.readings)) for bound in bounds
+        problem.upper_bound(bound.support, distinct.bound_mean_price(bound.prices, problem.readings))
+        for bound in bounds
     )
     return min(1.0, float(problem.criterion.information(M)) / upper)
 
@@ -462,13 +503,13 @@ def list_efficiency(problem: DesignProblem, distinct: Distinct, M: FloatArray, o
 def _complete_list(
     problem: DesignProblem, distinct: Distinct, kept: list[Atoms], expected: FloatArray
 ) -> list[Atoms]:
-    """Complete a list, the reading of the best price after the other.
+    """Complete a list by adding, one by one, the reading of the best price.
 
     Args:
-        problem: the choice.
-        distinct: which postures go together.
-        kept: the readings to begin with.
-        expected: (p, p) information that is expected of each reading to come.
+        problem: readings to choose from, and the criterion.
+        distinct: rule that postures of a list differ.
+        kept: readings to begin with.
+        expected: (p, p) mean information expected of each reading still to be chosen.
 
     Raises:
         RequestError: there are not as many distinct postures.
@@ -476,7 +517,7 @@ def _complete_list(
     atoms, M = list(kept), problem.base + sum(each.information[0] for each in kept)
     free = np.ones(len(problem.candidates), dtype=np.bool_)
     for each in kept:
-        free &= ~distinct.near(each.index[0])
+        free &= ~distinct.find_conflicts(each.index[0])
     while len(atoms) < problem.readings:
         if not free.any():
             raise RequestError(
@@ -487,13 +528,13 @@ def _complete_list(
             )
         G = problem.criterion.support(M + (problem.readings - len(atoms)) * expected)
         atoms.append(problem.candidates.best(G, free))
-        free &= ~distinct.near(atoms[-1].index[0])
+        free &= ~distinct.find_conflicts(atoms[-1].index[0])
         M = M + atoms[-1].information[0]
     return atoms
 
 
-class _Search:
-    """Exchange of readings in one problem."""
+class _ExchangeSearch:
+    """Search that improves a list by exchanging readings for candidates of good prices."""
 
     def __init__(self, problem: DesignProblem, design: Design, distinct: Distinct) -> None:
         self._distinct, self._criterion, self._base = distinct, problem.criterion, problem.base
@@ -502,19 +543,19 @@ class _Search:
         self._candidates = problem.candidates[self._pool]
 
     def matrix(self, atoms: list[Atoms]) -> FloatArray:
-        """Return M0 + Σ K_i (p, p)."""
+        """Return the information M0 + Σ K_i (p, p) of earlier readings and a list."""
         return np.asarray(self._base + sum(each.information[0] for each in atoms))
 
-    def improved(self, atoms: list[Atoms]) -> list[Atoms]:
-        """Exchange one reading at a time while φ grows."""
+    def improve(self, atoms: list[Atoms]) -> list[Atoms]:
+        """Exchange one reading of a list at a time while φ grows, and return the new list."""
         atoms = list(atoms)
-        near = np.array([self._distinct.near(each.index[0], self._pool) for each in atoms])
-        taken = near.sum(axis=0)  # how many readings each candidate of the pool does not go with
+        near = np.array([self._distinct.find_conflicts(each.index[0], self._pool) for each in atoms])
+        taken = near.sum(axis=0)  # number of readings in conflict with each candidate
         M = self.matrix(atoms)
         for _ in range(max(2, _EXCHANGES // len(atoms))):
             before = value = self._criterion.information(M)
             for i, old in enumerate(atoms):
-                # A candidate that adds more to the others than the one left out
+                # Search a candidate that adds more to the other readings than the one taken out.
                 rest, free = M - old.information[0], taken == near[i]
                 at = rest if self._criterion.information(rest) > 1e-6 * value else M
                 G = self._criterion.support(at)
@@ -525,40 +566,54 @@ class _Search:
                 if not best:
                     continue
                 M = rest + tried.information[best - 1]
-                taken, atoms[i] = taken - near[i], tried[best - 1 : best].among(self._pool)
-                near[i] = self._distinct.near(atoms[i].index[0], self._pool)
+                taken, atoms[i] = taken - near[i], tried[best - 1 : best].map_indices(self._pool)
+                near[i] = self._distinct.find_conflicts(atoms[i].index[0], self._pool)
                 taken, value = taken + near[i], self._criterion.information(M)
             if value <= _IMPROVES * before:
                 break
         return atoms
 
 
-def random_plans(problem: DesignProblem, M: FloatArray, s: int, seed: int) -> OtherPlan:
-    """Return the mean of random plans of the same candidates, relative to a list of information M (p, p)."""
+def average_random_plans(problem: DesignProblem, M: FloatArray, s: int, seed: int) -> OtherPlan:
+    """Average random plans of the same candidates, for comparison with a list.
+
+    Args:
+        problem: readings to choose from, and the criterion.
+        M: (p, p) information with the list.
+        s: number of joints to be determined.
+        seed: seed of the draws.
+    """
     random = np.random.default_rng([seed, 2])
     n, values, variances = problem.readings, [], []
     for _ in range(_RANDOM_PLANS):
         index = random.integers(0, len(problem.candidates), n)
-        drawn = problem.candidates.under(index, _drawn_directions(random, n)).information
+        drawn = problem.candidates.under(index, _draw_directions(random, n)).information
         other = problem.base + drawn.sum(axis=0)
         values.append(problem.criterion.information(other))
-        variances.append(np.square(uncertainty_of(other / problem.squares, s)))
+        variances.append(np.square(compute_uncertainties(other / problem.squares, s)))
     efficiency = float(np.mean(values) / problem.criterion.information(M * problem.squares))
     return OtherPlan(efficiency, np.sqrt(np.mean(variances, axis=0)))
 
 
-def one_at_a_time(problem: DesignProblem, distinct: Distinct, M: FloatArray, s: int) -> OtherPlan:
-    """Return the plan in which each reading is the best next one, relative to a list's M (p, p)."""
+def plan_one_at_a_time(problem: DesignProblem, distinct: Distinct, M: FloatArray, s: int) -> OtherPlan:
+    """Plan readings one at a time, each the best next one, for comparison with a list.
+
+    Args:
+        problem: readings to choose from, and the criterion.
+        distinct: rule that postures of a list differ.
+        M: (p, p) information with the list.
+        s: number of joints to be determined.
+    """
     M = M * problem.squares
     other = problem.base
     for atoms in _complete_list(problem, distinct, [], _SHARE_BEFORE / problem.readings * (M - problem.base)):
         other = other + atoms.information[0]
     efficiency = float(problem.criterion.information(other) / problem.criterion.information(M))
-    return OtherPlan(efficiency, uncertainty_of(other / problem.squares, s))
+    return OtherPlan(efficiency, compute_uncertainties(other / problem.squares, s))
 
 
-def _drawn_directions(random: np.random.Generator, count: int) -> FloatArray:
-    """Draw unit vectors (count, 3)."""
+def _draw_directions(random: np.random.Generator, count: int) -> FloatArray:
+    """Draw random unit vectors (count, 3)."""
     draws = random.standard_normal((count, 3))
     return np.asarray(draws / np.linalg.norm(draws, axis=1, keepdims=True))
 
@@ -607,9 +662,9 @@ class ReadablePostures:
     def of(
         cls, robot: Robot, measurements: Measurements, joints: FloatArray, observation: IndexArray
     ) -> ReadablePostures:
-        """Compute the Jacobians for the targets of the observation that read most of them.
+        """Compute the Jacobians, for the targets of the observation that read most targets.
 
-        A posture of the set has its own load point, a new one that of the strongest force.
+        A posture of the set has its own load point; a new posture has that of the strongest force.
         """
         strongest = int(np.argmax(np.linalg.norm(measurements.force, axis=1)))
         richest = int(np.argmax(measurements.coordinates.sum(axis=1)))
@@ -627,13 +682,18 @@ class ReadablePostures:
         return cls(joints, observation, block.load_jacobian, turns)
 
     def __len__(self) -> int:
+        """Return the number M of postures."""
         return len(self.joints)
 
     def __getitem__(self, rows: slice) -> ReadablePostures:
+        """Return some of the postures."""
         return ReadablePostures(**{name: part[rows] for name, part in vars(self).items()})
 
     def information(self, force: FloatArray) -> FloatArray:
-        """Return ``diag(τ) (Σ_t J_tᵀ Σ_t⁻¹ J_t) diag(τ)`` of a reading under each force (M, D, 3) [N].
+        """Return the information ``diag(τ) (Σ_t J_tᵀ Σ_t⁻¹ J_t) diag(τ)`` of a reading under each force.
+
+        Args:
+            force: (M, D, 3) forces in each posture [N].
 
         Returns:
             (M, D, n, n) in units of sigma⁻².
@@ -643,17 +703,17 @@ class ReadablePostures:
 
 
 def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tuple[Advice, ...]:
-    """Find the best next reading for each joint that needs one.
+    """Advise on the best next reading for each joint that is poorly determined.
 
-    For each joint two candidates win: a posture of the set under a load in another direction, and a new
-    posture, where weights were the load under the same. One is left out if the other is easier and
-    does about as well; either is, if it gains next to nothing.
+    For each joint two candidates are compared: a posture of the set under a load in another direction, and a
+    new posture (under the same load if the loads are weights). The harder one is left out if the easier one
+    is about as good, and any that gains next to nothing.
 
     Returns:
-        At most two pieces of advice a joint, the better first; none where all joints are well determined
-        or no force was applied.
+        At most two pieces of advice for each joint, the better first; none where all joints are well
+        determined or no force was applied.
     """
-    # The joints without a number, at zero or of a large uncertainty: the worst, in this order
+    # Rank joints: first those without a number or at zero, then by relative uncertainty.
     relative = np.zeros(len(estimate.joints))
     for j, joint in enumerate(estimate.joints):
         if joint.status == "not_observable" or joint.compliance == 0.0:
@@ -665,7 +725,7 @@ def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tupl
     if not len(joints) or not measurements.force.any():
         return ()
     count = int(np.clip(36 * MOST_POSTURES // robot.n**2, 4, MOST_POSTURES))
-    new = new_postures(robot, measurements, count)
+    new = draw_new_postures(robot, measurements, count)
     inside = np.flatnonzero(robot.within_limits(measurements.joints))
     spread = inside[np.unique(np.linspace(0, len(inside) - 1, min(count, len(inside))).astype(np.intp))]
     own = measurements.force[int(np.argmax(np.linalg.norm(measurements.force, axis=1)))]
@@ -692,16 +752,16 @@ def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tupl
     return tuple(validated(Advice, advice))
 
 
-def new_postures(robot: Robot, measurements: Measurements, count: int) -> FloatArray:
-    """Draw postures in whole degrees and millimetres, within what the set spans and the joints' limits.
+def draw_new_postures(robot: Robot, measurements: Measurements, count: int) -> FloatArray:
+    """Draw new postures in whole degrees and millimetres, within the range of the set and the joints' limits.
 
-    The draw is the same at each call. A joint that the set hardly moves is moved by `_LEAST_SPAN`, as a
-    posture that none of the set resembles may be what is missing.
+    The draw is the same at each call. A joint that the set hardly moves is moved by `_LEAST_SPAN`, as such a
+    posture may be the one missing.
 
     Args:
         robot: n joints.
         measurements: N observations.
-        count: at most so many.
+        count: greatest number of postures.
 
     Returns:
         (M, n) [rad or m].
@@ -718,7 +778,7 @@ Candidate = tuple[float, dict[str, Any]]
 
 
 class _NextReading:
-    """Compares candidates for one set of readings."""
+    """Comparison of candidates for the next reading of one set."""
 
     def __init__(
         self,
@@ -742,8 +802,8 @@ class _NextReading:
             self._shared = np.square(estimate.common.responses).sum(axis=1)
         self._own, self._strength = own, float(np.linalg.norm(own))
         self._one_direction = one_direction
-        # Whether the estimate's uncertainties are those of the partial pose weighted by covariance: the same
-        # method will then find what is promised
+        # The advice predicts uncertainties of the partial pose weighted by covariance. If the estimate has
+        # these, a new run with its method will confirm the advice; otherwise the advice names the method.
         self._same_method = False
         if estimate.covariance is not None and estimate.sigma is not None:
             visible = ~estimate.observability.null
@@ -756,23 +816,33 @@ class _NextReading:
     def best(
         self, postures: ReadablePostures, joints: IndexArray, *, all_directions: bool
     ) -> list[Candidate | None]:
-        """Return for each joint the candidate of least uncertainty; None if none determines it."""
+        """Return for each joint the candidate that leaves the least uncertainty, or None.
+
+        Args:
+            postures: M postures to choose from.
+            joints: indices of the joints.
+            all_directions: whether forces in other directions than the set's own are tried.
+        """
         if not len(postures):
             return [None] * len(joints)
-        forces = self._forces(postures, joints if all_directions else joints[:0])
+        forces = self._propose_forces(postures, joints if all_directions else joints[:0])
         total = self._regressor.T @ self._regressor + postures.information(forces)
-        deviation = uncertainty_of(total, total.shape[-1])
+        deviation = compute_uncertainties(total, total.shape[-1])
         easy = np.abs(forces).max(axis=2) > (1.0 - _SHOWS) * self._strength
         easy[:, 0] = True
         best = list[Candidate | None]()
         for joint in joints.tolist():
             scores = deviation[..., joint] / np.where(easy, EASIER, 1.0)
             m, d = np.unravel_index(int(np.argmin(scores)), scores.shape)
-            best.append(self._advice(joint, postures, int(m), forces[m, d]))
+            best.append(self._describe_advice(joint, postures, int(m), forces[m, d]))
         return best
 
-    def _forces(self, postures: ReadablePostures, across: IndexArray) -> FloatArray:
-        """Return candidate forces (M, D, 3) [N]: the set's own, and for joints others and across each."""
+    def _propose_forces(self, postures: ReadablePostures, across: IndexArray) -> FloatArray:
+        """Propose forces (M, D, 3) [N]: the set's own; and, if joints are given, other directions.
+
+        The other directions are those of a cube, and for each joint in `across` the one that twists the joint
+        most.
+        """
         own = self._own / self._strength
         count = len(postures)
         directions = np.broadcast_to(own, (count, 1, 3))
@@ -783,12 +853,23 @@ class _NextReading:
             arm = np.where(lever > 0, arm / np.where(lever > 0, lever, 1.0), own)
             cube = np.broadcast_to(_DIRECTIONS, (count, len(_DIRECTIONS), 3))
             directions = np.concatenate([directions, cube, arm], axis=1)
-        # A force tells the same as its opposite: of both, the one that is more like the set's own.
+        # A force and its opposite give the same information: take the one nearer to the set's own.
         sign = np.where(directions @ own < -_SHOWS, -1.0, 1.0)
         return np.asarray(self._strength * sign[..., None] * directions)
 
-    def _advice(self, joint: int, postures: ReadablePostures, m: int, force: FloatArray) -> Candidate | None:
-        """Put a candidate into numbers and words, by a decomposition of all readings with it."""
+    def _describe_advice(
+        self, joint: int, postures: ReadablePostures, m: int, force: FloatArray
+    ) -> Candidate | None:
+        """Return the standard uncertainty after a candidate and the fields of its advice, or None.
+
+        It is None if the candidate does not determine the joint.
+
+        Args:
+            joint: index of the joint.
+            postures: postures to choose from.
+            m: index of the candidate's posture.
+            force: (3,) force of the candidate [N].
+        """
         torque = force @ postures.load_jacobian[m]
         added = postures.turns.rows[m, :, :-1] * torque
         before = self._spectrum.deviation(joint)
@@ -811,7 +892,7 @@ class _NextReading:
             shared = float(np.sqrt(self._shared[joint]))
             uncertainty = float(np.hypot(self._sigma * after, shared))
             ratio = None if before is None else uncertainty / float(np.hypot(self._sigma * before, shared))
-        whose, changes = self._uncertainty_words(joint, uncertainty)
+        whose, changes = self._describe_uncertainty(joint, uncertainty)
         if ratio is not None:
             changes.append(f"{figure(ratio, '.2g')} times its present value")
         gain = f"a {units.load.replace(' ', f' of {abs(torque[joint]):.3g} {units.effort} ', 1)} {name}"
@@ -828,10 +909,11 @@ class _NextReading:
             "standard_uncertainty": uncertainty,
         }
 
-    def _uncertainty_words(self, joint: int, uncertainty: float | None) -> tuple[str, list[str]]:
-        """Return what an uncertainty [rad/(N·m)] is of, and the uncertainty in words if it is known.
+    def _describe_uncertainty(self, joint: int, uncertainty: float | None) -> tuple[str, list[str]]:
+        """Return "stiffness" or "compliance", and its uncertainty in words; an empty list if that is unknown.
 
-        Where a compliance is less than its uncertainty, the uncertainty of its inverse means nothing.
+        Compliance is used where it is less than its uncertainty [rad/(N·m)]: that of the stiffness then
+        means nothing.
         """
         kind, compliance = self._kinds[joint], self._compliance[joint]
         whose = "stiffness" if compliance > (uncertainty or 0.0) else "compliance"

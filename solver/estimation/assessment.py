@@ -30,9 +30,9 @@ from jointstiff.solver.estimation.estimate import (
     JointCompliance,
     Prediction,
 )
-from jointstiff.solver.estimation.joints import JointsAlone, within_noise
+from jointstiff.solver.estimation.joints import JointsAlone, residuals_within_noise
 from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.estimation.triangle import nonnegative
+from jointstiff.solver.estimation.triangle import solve_nonnegative
 from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, fitted_errors, targets_in_flange
 from jointstiff.solver.mechanics.measurements import (
     ASSUMED_FORCE_SCALE,
@@ -46,27 +46,30 @@ from jointstiff.solver.text import figure, length_text, stiffness_text, unknowns
 SAME_PLACE: Final = 2e-3
 """Distance between load point and target [m] below which they count as the same."""
 OUTLYING: Final = 6.0
-"""Residual over the median, beyond which a model of more than joints does not explain an observation."""
+"""Ratio of a residual to the median residual above which a model of joints and links does not explain an
+observation."""
 FEW: Final = 0.1
-"""Largest share of suspicious readings that the Huber loss, or omitting them, can handle."""
+"""Largest share of suspicious observations that the Huber loss, or leaving them out, can handle."""
 MOST_LEFT_OUT: Final = 0.3
-"""Largest share of the observations that an action leaves out: beyond it something else is wrong."""
+"""Largest share of the observations that a proposed action leaves out: if more are bad, something else is
+wrong."""
 HARMFUL: Final = 0.05
 """Relative change of a compliance above which a proved mistake in the load forbids its use."""
 COVERED: Final = 2.0
-"""Standard uncertainties by the load point that the intervals hold of one that is elsewhere."""
+"""Number of standard uncertainties by the load point within which a change is covered by the intervals."""
 CARE_RATIO_OF_LINKS, UNUSABLE_RATIO = 1.5, 3.0
-"""Ratio of the residuals to sigma above which the uncertainties are too small: of a model with links, whose
-penalty leaves some of it and whose joints are not to be quoted; and above which they are of no use."""
+"""Ratios of the residuals to sigma: above the first a model with links, whose penalty enlarges the residuals,
+gets a warning; above the second any result is unusable."""
 CARE_LEVEL: Final = 1e-3
-"""p-value of the residuals below which the uncertainties are too small: noise alone reaches it in one of two
-thousand campaigns."""
+"""p-value of the residuals below which a warning is given: noise alone causes that in one of two thousand
+campaigns."""
 WORTH_A_WARNING: Final = 0.1
-"""Relative error of sigma that changes no conclusion; in large sets the test detects even less."""
+"""Relative error of sigma up to which no warning is given: it changes no conclusion, though large sets show
+it."""
 CARE_SHARE, UNUSABLE_SHARE = 0.7, 0.5
 """Compensation below which something besides the joints deflects; the joints of real robots explain 80 %."""
 LARGEST_SIGMA: Final = 1e-4
-"""Sigma from the residuals [m] that no laser tracker has: readings of a robot have 10 to 40 µm."""
+"""Sigma from the residuals [m] above any laser tracker's: readings of a robot have 10 to 40 µm."""
 LEAST_SIGMA: Final = 1e-8
 """Residuals [m] below which the readings are computed, not measured."""
 PLAUSIBLE_STIFFNESS: Final = (1e3, 1e9)
@@ -77,9 +80,9 @@ _PLACES: Final = 60
 _LEAST_FREEDOM: Final = 0.5
 _LEAST_POSTURES: Final = 3
 _DISTINCT: Final = float(np.radians(5.0))
-"""Difference of a joint's angle [rad] that makes a posture another one."""
+"""Difference of a joint's angle [rad] from which on two postures count as distinct."""
 _SAME_MISTAKES: Final[frozenset[FindingCode]] = frozenset({"joint_sign_suspect", "joints_swapped"})
-"""Findings that the alternatives examine, too, and can undo."""
+"""Findings of mistakes that `BetterAlternative` reports too, with an action that corrects them."""
 _LENGTHS: Final = ("deflection_implausibly_large", "deflection_implausibly_small")
 _ORDER: Final[dict[Verdict, int]] = {"use": 0, "use_with_care": 1, "do_not_use": 2}
 _BY_STATUS: Final[dict[str, Verdict]] = {
@@ -96,19 +99,20 @@ _CHECK_NOISE: Final = (
 
 @dataclass(frozen=True)
 class Assessment:
-    """The verdict on a whole result and on each joint."""
+    """Verdict on a whole result and on each joint, with the reasons."""
 
-    verdict: Verdict  #: the least of what the reasons allow
+    verdict: Verdict  #: verdict on the whole result: that of the most severe reason
     reasons: tuple[Finding, ...]  #: most severe first; none where the verdict is "use"
-    #: verdict on each joint, never better than what the reasons about the set or this joint allow
+    #: verdict on each joint, never better than that of a reason on the whole set or on this joint
     joints: tuple[Verdict, ...]
     notes: tuple[str, ...] = ()  #: checks that the readings do not allow, in words
     remarks: tuple[Finding, ...] = ()  #: of the weight "use", for information
 
     def supported(self, prediction: Prediction) -> Prediction:
-        """Return what the readings support of a prediction.
+        """Return a prediction without the numbers that mean nothing for this assessment.
 
-        An exact fit explains all, whatever was measured; without a joint no contribution is a joint's.
+        After an exact fit, or a mistake in the data, there is no compensation and no contribution of joints;
+        without an identified joint there is no contribution.
         """
         codes = {reason.code for reason in self.reasons}
         exact = bool(codes & (ROOT_MISTAKES | {"no_residual_freedom"}))
@@ -122,29 +126,29 @@ class Assessment:
 def assess(
     joints: JointsAlone, estimate: Estimate, prediction: Prediction, screening: Screening | None
 ) -> Assessment:
-    """Assess an identification.
+    """Assess an identification: collect all reasons against its numbers, and derive the verdicts.
 
     Args:
-        joints: identified alone, from measurements with what the integrity checks found in them.
-        estimate: of the joints, alone or with what else bends.
-        prediction: of these measurements by the estimate.
-        screening: of what the joints alone leave unexplained, with the gain of held-out postures if models
-            were compared.
+        joints: identification by joints alone, with measurements and findings of their integrity checks.
+        estimate: estimate to be assessed, by joints alone or by a model with links or base.
+        prediction: prediction of the same measurements by the estimate.
+        screening: tests for other causes of the deflections, with the cross-validation if models were
+            compared; None without tests.
     """
     robot, measurements, settings = joints.robot, joints.measurements, joints.settings
     findings: Sequence[Finding] = joints.noticed
-    notes = tuple(_notes(measurements, estimate))
-    roots = _by_code([each for each in findings if each.code in ROOT_MISTAKES], "do_not_use")
+    notes = tuple(_list_notes(measurements, estimate))
+    roots = _group_by_code([each for each in findings if each.code in ROOT_MISTAKES], "do_not_use")
     if roots:
         reasons: list[Finding] = []
-        for same in roots:  # each robot that fits is a choice of its own
-            choices = same[0].code == "another_robot_fits"
-            reasons += same if choices else [_summarise_findings(same, same[0].action)]
+        for group in roots:  # findings of one code become one reason, but each fitting robot stays a choice
+            choices = group[0].code == "another_robot_fits"
+            reasons += group if choices else [_summarise_findings(group, group[0].action)]
         return replace(assessed(estimate.joints, reasons), notes=notes)
-    better = joints.gross_mistake(estimate)
+    better = joints.find_gross_mistake(estimate)
     if better is not None:
         findings = [finding for finding in findings if finding.code not in _SAME_MISTAKES]
-    # Behind a gross error tests of smaller ones say nothing.
+    # With a gross error in the data, tests of smaller effects mean nothing.
     gross = any(finding.weight == "do_not_use" for finding in findings)
     if gross:
         screening = None
@@ -155,17 +159,19 @@ def assess(
         else:
             screening, causes = None, ()
     found = chain(
-        () if better is None else [alternative_reason(robot, measurements, better)],
-        [causes_reason(causes, estimate)] if causes else (),
-        fitted_reason(measurements),
-        reading_reasons(robot, measurements, settings, prediction, findings),
-        fit_reasons(measurements, estimate, prediction, screening, explained=gross or better is not None),
+        () if better is None else [report_alternative(robot, measurements, better)],
+        [report_causes(causes, estimate)] if causes else (),
+        report_fitted_causes(measurements),
+        find_reading_problems(robot, measurements, settings, prediction, findings),
+        find_fit_problems(
+            measurements, estimate, prediction, screening, explained=gross or better is not None
+        ),
     )
     return replace(assessed(estimate.joints, found), notes=notes)
 
 
-def _notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]:
-    """Yield what was assumed, and what the readings do not allow to check."""
+def _list_notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]:
+    """Yield sentences on assumptions, and on checks that the readings do not allow."""
     force = float(np.linalg.norm(measurements.force, axis=1).max())
     if force > 0.0:
         deflection = length_text(float(np.linalg.norm(measurements.deflection, axis=2).max()))
@@ -194,7 +200,7 @@ def _notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]:
 
 
 def assessed(joints: Sequence[JointCompliance], findings: Iterable[Finding]) -> Assessment:
-    """Return the verdict on joints that findings allow, with the findings in their order."""
+    """Return the assessment that follows from the joints' statuses and from findings, most severe first."""
     ordered = tuple(sorted(findings, key=lambda finding: -_ORDER[finding.weight]))
     names = {joint.name for joint in joints}
     verdicts = []
@@ -233,11 +239,11 @@ _UNDONE: Final[dict[AlternativeKind, tuple[str, str]]] = {
         "check in the manual whether the controller couples these joints, and correct the joint map",
     ),
 }
-"""Words for alternatives: what is undone, and what to check."""
+"""Words for each kind of alternative: the change that undoes the mistake, and the remedy."""
 
 
-def alternative_reason(robot: Robot, measurements: Measurements, better: BetterAlternative) -> Finding:
-    """Report the mistake that would explain the readings far better: what to check, what to do at a click."""
+def report_alternative(robot: Robot, measurements: Measurements, better: BetterAlternative) -> Finding:
+    """Return the finding that undoing a mistake in the data explains the readings far better."""
     alternative = better.alternative
     names = [robot.joint_names[j] for j in alternative.joints]
     first, last = (alternative.joints[0], alternative.joints[-1]) if names else (0, 0)
@@ -258,8 +264,12 @@ def alternative_reason(robot: Robot, measurements: Measurements, better: BetterA
         matrix = robot.joint_map.matrix @ alternative.matrix
         offset = robot.joint_map.matrix @ alternative.offset + robot.joint_map.offset
         if alternative.kind == "zero_offset":  # whole turns bring the angles within the limits
-            off = robot.limits.mean(axis=1) - np.median(measurements.joints, axis=0) @ matrix.T - offset
-            offset = offset + 2.0 * np.pi * np.round(np.where(np.isfinite(off), off, 0.0) / (2.0 * np.pi))
+            from_middle = (
+                robot.limits.mean(axis=1) - np.median(measurements.joints, axis=0) @ matrix.T - offset
+            )
+            offset = offset + 2.0 * np.pi * np.round(
+                np.where(np.isfinite(from_middle), from_middle, 0.0) / (2.0 * np.pi)
+            )
         action = Action.of("apply_joint_map", joints=names, joint_map=matrix.tolist(), offset=offset.tolist())
     return Finding(
         code="alternative_explains_better",
@@ -272,12 +282,12 @@ def alternative_reason(robot: Robot, measurements: Measurements, better: BetterA
     )
 
 
-def causes_reason(causes: Sequence[Cause], estimate: Estimate) -> Finding:
-    """Report the cause that explains most, or causes that explain as much: a tie.
+def report_causes(causes: Sequence[Cause], estimate: Estimate) -> Finding:
+    """Return the finding that a cause explains the readings better, or several causes that do so equally.
 
-    It forbids the numbers where it is proved, and a compliance would change by more than `HARMFUL` and by
-    more than the intervals hold of a load point elsewhere: a load point stated to 1 mm that is 10 mm off
-    contradicts the statement, while the intervals of an assumed one hold 10 mm.
+    Its weight is "do_not_use" if the causes are proved and change a compliance by more than `HARMFUL`. A
+    change by the load point counts only beyond the uncertainty that the intervals already include: an assumed
+    load point includes 10 mm, while a load point stated to 1 mm does not.
     """
     whats, remedies, changes, harm = [], [], [0.0], False
     for cause in causes:
@@ -288,10 +298,10 @@ def causes_reason(causes: Sequence[Cause], estimate: Estimate) -> Finding:
         change = np.abs(cause.compliance[known] / estimate.compliance[known] - 1.0)
         harmful = change > HARMFUL
         if cause.suspect.name == "load_point" and estimate.common is not None:
-            # What the intervals hold of a load point elsewhere does no harm.
+            # Changes that the intervals already cover do no harm.
             sources = [estimate.common.of("assumed_load_point"), estimate.common.of("load_point")]
-            held = np.linalg.norm(np.hstack(sources)[known], axis=1)
-            harmful &= change * estimate.compliance[known] > COVERED * held
+            covered = np.linalg.norm(np.hstack(sources)[known], axis=1)
+            harmful &= change * estimate.compliance[known] > COVERED * covered
         changes.append(float(change.max(initial=0.0)))
         harm |= bool(harmful.any())
     proved = all(cause.proved for cause in causes)
@@ -309,8 +319,8 @@ def causes_reason(causes: Sequence[Cause], estimate: Estimate) -> Finding:
     )
 
 
-def fitted_reason(measurements: Measurements) -> Iterator[Finding]:
-    """Report causes that were fitted with the joints: what was stated is refuted."""
+def report_fitted_causes(measurements: Measurements) -> Iterator[Finding]:
+    """Yield a finding for each cause that was fitted with the joints, as the stated value is refuted."""
     fitted, start = fitted_errors(measurements), 0
     uncertainty = np.linalg.norm(fitted.root, axis=1)
     for term, values in zip(fitted.terms, fitted.unknowns, strict=True):
@@ -321,41 +331,41 @@ def fitted_reason(measurements: Measurements) -> Iterator[Finding]:
             code="cause_fitted",
             weight="use_with_care",
             message=f"{term.words.format(text)} (95 %) was fitted with the joints; the intervals include its "
-            "uncertainty, and what was stated stays refuted",
+            "uncertainty, and the stated value stays refuted",
             remedy=term.remedy,
         )
 
 
-def reading_reasons(
+def find_reading_problems(
     robot: Robot,
     measurements: Measurements,
     settings: Settings,
     prediction: Prediction,
     findings: Sequence[Finding],
 ) -> Iterator[Finding]:
-    """Yield what is wrong with the readings: the findings of their checks, one of each kind, and more.
+    """Yield problems of the readings: the findings of integrity checks, one for each kind, and further ones.
 
-    Errors of the whole set come first; neither they, nor most of a set, are to be left out.
+    Errors of the whole set come first. Leaving observations out is proposed only for errors of few.
     """
     labels = measurements.labels
-    yield from _load_at_target(robot, measurements)
+    yield from _report_load_at_target(robot, measurements)
     outliers = [finding for finding in findings if finding.code == "residual_outlier"]
     others = [finding for finding in findings if finding.code != "residual_outlier"]
-    errors = _by_code(others, "do_not_use")
-    errors.sort(key=lambda same: same[0].observation is not None)
-    for same in errors:
-        first, observations = same[0], _observations(measurements, same)
+    errors = _group_by_code(others, "do_not_use")
+    errors.sort(key=lambda group: group[0].observation is not None)
+    for group in errors:
+        first, observations = group[0], _list_observations(measurements, group)
         if first.code == "target_moved" and first.observation is not None:
             row = labels.index(first.observation)
-            # A target that stays elsewhere is two targets.
+            # A target that stays moved: leave out the fewer observations, before or after the move.
             observations = min(labels[row:], labels[:row], key=len)
-        some = first.code not in _LENGTHS and 0 < len(observations) <= MOST_LEFT_OUT * len(labels)
+        only_few = first.code not in _LENGTHS and 0 < len(observations) <= MOST_LEFT_OUT * len(labels)
         yield _summarise_findings(
-            same, Action.of("leave_out_readings", observations) if some else first.action
+            group, Action.of("leave_out_readings", observations) if only_few else first.action
         )
-    for same in _by_code(others, "use_with_care"):
-        observations = _observations(measurements, same)
-        yield _summarise_findings(same, Action.of("show_posture", observations) if observations else None)
+    for group in _group_by_code(others, "use_with_care"):
+        observations = _list_observations(measurements, group)
+        yield _summarise_findings(group, Action.of("show_posture", observations) if observations else None)
     yield from _report_outlying(measurements, settings, prediction, outliers)
     noise = np.sqrt(2.0) * (measurements.sigma or 0.0)
     greatest = float(np.linalg.norm(measurements.deflection, axis=2).max())
@@ -370,8 +380,11 @@ def reading_reasons(
         )
 
 
-def _load_at_target(robot: Robot, measurements: Measurements) -> Iterator[Finding]:
-    """Report a load at one of several targets, where a reflector sits; one target may be the tool's point."""
+def _report_load_at_target(robot: Robot, measurements: Measurements) -> Iterator[Finding]:
+    """Yield a finding if the load point coincides with one of several targets, where a reflector sits.
+
+    A single target may well be at the tool's point, so it is not reported.
+    """
     part = measurements.evenly(_PLACES)
     if part.present.shape[1] < 2 or not part.force.any():
         return
@@ -383,7 +396,7 @@ def _load_at_target(robot: Robot, measurements: Measurements) -> Iterator[Findin
         yield Finding(
             code="load_at_target",
             weight="use_with_care",
-            message=f"the load point coincides with target {t + 1}, a reflector",
+            message=f"the load point coincides with target {t + 1}, where a reflector is mounted",
             remedy="check the load point in the flange frame",
             action=Action.of("exchange_load_and_target", target=measurements.targets[t]),
         )
@@ -392,16 +405,16 @@ def _load_at_target(robot: Robot, measurements: Measurements) -> Iterator[Findin
 def _report_outlying(
     measurements: Measurements, settings: Settings, prediction: Prediction, outliers: Sequence[Finding]
 ) -> Iterator[Finding]:
-    """Report observations that springs fitted to all do not explain.
+    """Yield a finding on observations that joint springs fitted to all observations do not explain.
 
-    A few are wrong readings, and the Huber loss copes with them; many are a model that lacks something, such
-    as links that bend. What a model of more than joints explains is no outlier.
+    A few such observations are wrong readings, for which the Huber loss is proposed; many mean that the model
+    lacks something, such as links that bend. Outliers that a model with links explains are not reported.
     """
     norm = np.linalg.norm(prediction.residual, axis=2).max(axis=1)
     if prediction.contributions is None:
         beyond = {measurements.labels[i] for i in np.flatnonzero(norm > OUTLYING * np.median(norm))}
         outliers = [f for f in outliers if f.observation is None or f.observation in beyond]
-    observations = _observations(measurements, outliers)
+    observations = _list_observations(measurements, outliers)
     if not observations:
         return
     count = int((norm >= norm[[measurements.labels.index(label) for label in observations]].min()).sum())
@@ -420,26 +433,26 @@ def _report_outlying(
         yield _summarise_findings(outliers, action)
 
 
-def _by_code(findings: Sequence[Finding], weight: Verdict) -> list[list[Finding]]:
-    """Group the findings of a weight by their code, in the order of their first."""
+def _group_by_code(findings: Sequence[Finding], weight: Verdict) -> list[list[Finding]]:
+    """Return the findings of one weight in groups of the same code, in the order of each group's first."""
     weighty = [finding for finding in findings if finding.weight == weight]
     codes = dict.fromkeys(finding.code for finding in weighty)
     return [[finding for finding in weighty if finding.code == code] for code in codes]
 
 
-def _observations(measurements: Measurements, same: Sequence[Finding]) -> tuple[str, ...]:
+def _list_observations(measurements: Measurements, group: Sequence[Finding]) -> tuple[str, ...]:
     """Return the labels of the findings' observations, in the order of the set."""
-    named = {finding.observation for finding in same}
+    named = {finding.observation for finding in group}
     return tuple(label for label in measurements.labels if label in named)
 
 
-def _summarise_findings(same: Sequence[Finding], action: Action | None) -> Finding:
-    """Return one reason for findings of a kind: the first of them, with their number."""
-    more = f" (and {len(same) - 1} more of this kind)" if len(same) > 1 else ""
-    return same[0].model_copy(update={"message": same[0].message + more, "action": action})
+def _summarise_findings(group: Sequence[Finding], action: Action | None) -> Finding:
+    """Return one finding for several of the same kind: the first, with their number and an action."""
+    more = f" (and {len(group) - 1} more of this kind)" if len(group) > 1 else ""
+    return group[0].model_copy(update={"message": group[0].message + more, "action": action})
 
 
-def fit_reasons(
+def find_fit_problems(
     measurements: Measurements,
     estimate: Estimate,
     prediction: Prediction,
@@ -447,14 +460,14 @@ def fit_reasons(
     *,
     explained: bool = False,
 ) -> Iterator[Finding]:
-    """Yield what an estimate and its prediction show; what forbids nothing has the weight `use`.
+    """Yield the findings that an estimate and its prediction give; those for information have weight `use`.
 
     Args:
         measurements: N observations.
         estimate: from these measurements.
-        prediction: by that estimate.
-        screening: of these measurements; None without one.
-        explained: whether another reason already explains the deflections.
+        prediction: of these measurements by the estimate.
+        screening: tests for other causes of the deflections; None without tests.
+        explained: whether another finding already explains large residuals, which are then not reported.
     """
     statuses = [joint.status for joint in estimate.joints]
     remedy, action = "add postures and loads that twist the joints", None
@@ -463,8 +476,9 @@ def fit_reasons(
             "choose another robot, or check its joint map and the frame of the forces: the targets do not "
             "move as the joints of this one would move them"
         )
+        # If the negated deflections fit, unloaded and loaded readings, or all forces, are reversed.
         d = estimate.triangles.judged.rhs
-        if nonnegative(estimate.regressor, -d)[1] < (1.0 - UNUSABLE_SHARE) * np.linalg.norm(d):
+        if solve_nonnegative(estimate.regressor, -d)[1] < (1.0 - UNUSABLE_SHARE) * np.linalg.norm(d):
             remedy = "exchange unloaded and loaded readings, or change the sign of every force"
             action = Action.of("exchange_readings")
     yield from unidentified(statuses, remedy, action)
@@ -475,12 +489,12 @@ def fit_reasons(
             postures.append(joints)
         if len(postures) >= _LEAST_POSTURES:
             break
-    else:
+    else:  # the loop found fewer distinct postures than needed
         yield Finding(
             code="few_postures",
             weight="use_with_care",
             message=f"{len(postures)} distinct posture{'s' if len(postures) > 1 else ''}: the stiffnesses "
-            "were not tested in others",
+            "were not tested in other postures",
             remedy=f"measure at least {_LEAST_POSTURES} postures that differ by {np.degrees(_DISTINCT):.0f}° "
             "or more",
         )
@@ -489,12 +503,18 @@ def fit_reasons(
             measurements, estimate, joints_alone=prediction.contributions is not None
         )
         yield from _report_unexplained(measurements, estimate, prediction)
-    yield from judge(estimate)
+    yield from find_implausible_results(estimate)
     yield from _report_links(prediction, screening)
 
 
 def unidentified(statuses: Sequence[str], remedy: str, action: Action | None = None) -> Iterator[Finding]:
-    """Yield the reason that no joint is identified, if none is."""
+    """Yield a finding if no joint has the status `identified`.
+
+    Args:
+        statuses: status of each joint.
+        remedy: remedy of the finding.
+        action: proposed action of the finding.
+    """
     if "identified" in statuses:
         return
     counts = Counter(status.replace("_", " ") for status in statuses)
@@ -509,10 +529,8 @@ def unidentified(statuses: Sequence[str], remedy: str, action: Action | None = N
 
 
 def _report_freedom(measurements: Measurements, estimate: Estimate) -> Iterator[Finding]:
-    """Report a fit that no reading can contradict, and residuals that no instrument leaves.
-
-    A rigid flange moves by six coordinates at most.
-    """
+    """Yield a finding if the fit has no degrees of freedom, or residuals too small or large for a tracker."""
+    # A rigid flange moves by six coordinates at most, however many targets it has.
     coordinates = int(np.minimum(measurements.coordinates.sum(axis=1), 6).sum())
     if measurements.encoders is not None:
         coordinates += int(measurements.encoders.present.sum())
@@ -549,7 +567,10 @@ def _report_freedom(measurements: Measurements, estimate: Estimate) -> Iterator[
 
 
 def refuted_noise(measurements: Measurements, sigma: float | None) -> Iterator[Finding]:
-    """Report a stated noise that the residuals refuted: a sigma [m] from them hides what the model lacks."""
+    """Yield a finding if the stated noise was refuted and sigma [m] comes from the residuals instead.
+
+    Such a sigma counts deflections that the model does not explain as noise.
+    """
     refuted = measurements.refuted_sigma
     if refuted is not None and sigma is not None:
         yield Finding(
@@ -557,7 +578,7 @@ def refuted_noise(measurements: Measurements, sigma: float | None) -> Iterator[F
             weight="use_with_care",
             message=f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of a "
             f"reading, {figure(sigma / refuted, '.3g')} times the {length_text(refuted)} that were stated "
-            "and that they refuted: what the model leaves unexplained counts as noise, and may be no noise",
+            "and that they refuted: deflections that the model does not explain are counted as noise",
             remedy=_CHECK_NOISE,
         )
 
@@ -565,7 +586,7 @@ def refuted_noise(measurements: Measurements, sigma: float | None) -> Iterator[F
 def _report_residuals(
     measurements: Measurements, estimate: Estimate, *, joints_alone: bool
 ) -> Iterator[Finding]:
-    """Compare the residuals with the stated sigma, by its chi-square test, and with one that they refuted."""
+    """Yield a finding if the residuals are larger or smaller than the stated sigma predicts."""
     test = estimate.sigma_test
     yield from refuted_noise(measurements, estimate.sigma)
     ratio = float(np.sqrt(estimate.chi_square / max(estimate.degrees_of_freedom, _LEAST_FREEDOM)))
@@ -598,8 +619,8 @@ def _report_residuals(
 def _report_unexplained(
     measurements: Measurements, estimate: Estimate, prediction: Prediction
 ) -> Iterator[Finding]:
-    """Report deflections that the joints do not explain; for information where the stated noise does."""
-    share, noisy = prediction.compensation, within_noise(estimate)
+    """Yield a finding if the joints explain too little; for information if the noise explains the rest."""
+    share, noisy = prediction.compensation, residuals_within_noise(estimate)
     if share is None or share >= (UNUSABLE_SHARE if noisy else CARE_SHARE):
         return
     weight: Verdict = "use_with_care" if share >= UNUSABLE_SHARE else "do_not_use"
@@ -614,13 +635,13 @@ def _report_unexplained(
     )
 
 
-def judge(estimate: Estimate) -> Iterator[Finding]:
-    """Look at the joints and at K_c with the eyes of someone who has seen many robots."""
+def find_implausible_results(estimate: Estimate) -> Iterator[Finding]:
+    """Yield findings on implausible results: dominant priors, odd stiffnesses, and a neglected K_c."""
     for joint in estimate.joints:
         ratio = joint.prior_to_data
         if ratio is not None and ratio > 1.0:
             says = (
-                "alone separates it from other joints"
+                "alone separates this joint from other joints"
                 if np.isinf(ratio)
                 else f"carries {figure(ratio, '.3g')} times as much information as the readings"
             )
@@ -634,11 +655,11 @@ def judge(estimate: Estimate) -> Iterator[Finding]:
             )
     yield from implausible_joints(estimate.joints)
     if estimate.complementary_stiffness is not None:
-        yield from _complementary_stiffness(estimate.complementary_stiffness)
+        yield from _report_complementary_stiffness(estimate.complementary_stiffness)
 
 
 def implausible_joints(joints: Sequence[JointCompliance]) -> Iterator[Finding]:
-    """Yield the joints that are identified with a stiffness that no joint of an industrial robot has."""
+    """Yield a finding for each identified stiffness outside the range of industrial robots."""
     identified = {
         joint.name: 1.0 / joint.compliance if joint.compliance else np.inf
         for joint in joints
@@ -669,8 +690,8 @@ def implausible_joints(joints: Sequence[JointCompliance]) -> Iterator[Finding]:
         )
 
 
-def _complementary_stiffness(size: ComplementaryStiffness) -> Iterator[Finding]:
-    """Report a K_c that was neglected, though it matters or was requested."""
+def _report_complementary_stiffness(size: ComplementaryStiffness) -> Iterator[Finding]:
+    """Yield a finding if K_c was neglected although its effect is large, or although it was requested."""
     if size.obstacle is not None:
         yield Finding(
             code="complementary_stiffness_matters",
@@ -690,7 +711,7 @@ def _complementary_stiffness(size: ComplementaryStiffness) -> Iterator[Finding]:
 
 
 def _report_links(prediction: Prediction, screening: Screening | None) -> Iterator[Finding]:
-    """Report that joints and links share what bends (method.md §7), or that joints alone lack something."""
+    """Yield a finding if links or base bend (method.md §7), or if joints alone do not fit the readings."""
     gain, bends = None, ""
     if screening is not None:
         gain = screening.gain
@@ -702,25 +723,26 @@ def _report_links(prediction: Prediction, screening: Screening | None) -> Iterat
         )
     evidence = "" if gain is None else f"{bends}. "
     if prediction.bending == "links_or_base":
-        intervals = "the intervals of the stiffnesses contain the values of both"
+        intervals = "the intervals of the stiffnesses contain the values of both models"
         if not prediction.joined:
             intervals = (
-                "the intervals of the stiffnesses are by the base, too: rounding hides which links bend, so "
-                "that no optimum with links alone was certified"
+                "the intervals of the stiffnesses are of the model with the base, too, because rounding "
+                "hides which links bend: no optimum of the model with links was certified"
             )
         yield Finding(
             code="links_or_base",
             weight="use_with_care",
             message=f"{evidence}Links or the base bend: either predicts the held-out postures equally well. "
-            f"Predictions are by the base; {intervals}",
+            f"Predictions use the model with the base; {intervals}",
             remedy="turn joint 1 between the readings, or put a target on the base plate",
         )
     elif prediction.bending == "base":
         yield Finding(
             code="base_bends",
             weight="use_with_care",
-            message=f"{evidence}The base below the first joint bends under the load. Readings cannot tell "
-            "its rotation about the first axis from that joint; the other joints' stiffnesses are without it",
+            message=f"{evidence}The base below the first joint bends under the load. Readings cannot "
+            "distinguish its rotation about the first axis from a rotation of joint 1; the stiffnesses of "
+            "the other joints do not include the base",
             remedy="tighten and stiffen the base, or use joints and base together: a target on the base "
             "plate shows directly how it moves",
         )

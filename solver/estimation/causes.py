@@ -40,9 +40,9 @@ from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.estimation.triangle import (
     INDEPENDENT,
     Triangle,
-    basis,
-    nonnegative,
-    side_by_side,
+    orthonormal_basis,
+    solve_nonnegative,
+    stack_padded,
     triangle_of,
 )
 from jointstiff.solver.mechanics.block import (
@@ -65,23 +65,23 @@ from jointstiff.solver.mechanics.springs import DIAGONAL_BASE, DIAGONAL_LINKS, F
 from jointstiff.solver.mechanics.terms import FORCE_SCALE, SHIFT, TERMS, load_scale, since, turn_about
 
 MISTAKE_LEVEL: Final = 1e-5
-"""Probability that noise alone makes any cause of a set, or a base, speak."""
+"""Probability that noise alone makes the test of any cause, or of a bending base, significant."""
 LINKS_LEVEL: Final = 3e-3
-"""p-value below which links are worth a cross-validation."""
+"""p-value of links below which models with links are compared by cross-validation."""
 CLEAR_GAIN: Final = 2.0
-"""Gain in paired standard errors above which joints alone do not fit."""
+"""Gain of a model with links, in paired standard errors, above which joints alone do not fit."""
 AS_WELL: Final = 6.0
 """Difference of the information criterion below which neither of two causes is preferred."""
 _REFITS: Final = 6
 """Largest number of Gauss-Newton steps towards a cause."""
 _STEADY: Final = 1e-3
-"""Relative step at which they end."""
+"""Relative size of a Gauss-Newton step at which the iteration ends."""
 _LEADING: Final = 12
-"""Number of combinations of link compliances that are tested: those that deflect most."""
+"""Number of combinations of link compliances that are tested: those with the largest deflections."""
 _TESTED: Final = 500
 """Number of observations that suffice for the tests."""
 _LEAST_PART: Final = 4
-"""Least number of observations before and after something came about, or under one of several loads."""
+"""Least number of observations before and after the onset of a cause, or under one of several loads."""
 _DISTINCT: Final = 0.03
 """Relative difference of two loads from which on they are distinct."""
 _MOST_LOADS: Final = 6
@@ -90,36 +90,39 @@ _MOST_LOADS: Final = 6
 
 @dataclass(frozen=True)
 class Suspect:
-    """Something that may have moved the targets in addition to the joints."""
+    """Possible cause that may have moved the targets in addition to the joints, to be tested."""
 
     name: str  #: name of the cause
-    term: Term  #: how it moves them
-    first: str | None = None  #: label of the first observation that it concerns; None for all
-    tried: int = 1  #: number of observations from which on it may have come about
-    least_p: float = 0.0  #: p-value without the observation that it explains most: one may be a wrong reading
+    term: Term  #: how the cause moves the targets
+    first: str | None = None  #: label of the first observation that the cause concerns; None for all
+    tried: int = 1  #: number of observations that were tried as the onset; multiplies the p-value
+    least_p: float = 0.0  #: lower limit of the p-value: without the observation that the cause explains most
 
 
 @dataclass(frozen=True, eq=False)
 class Cause:
-    """A cause that was followed to what it explains most."""
+    """Significant cause, fitted together with the joints until the fit converged."""
 
     suspect: Suspect
-    unknowns: FloatArray  #: (k,) in the term's unit
-    p_value: float  #: of its F test
-    links_p_value: float  #: p-value of the F test of links added to it
+    unknowns: FloatArray  #: (k,) fitted values in the term's unit
+    p_value: float  #: p-value of the cause's F test
+    links_p_value: float  #: p-value of the F test of links added to joints and cause
     compliance: FloatArray  #: (n,) of the joints fitted with it [rad/(N·m)]
-    ratio: float  #: sum of squared residuals with it, over that without
-    criterion: float  #: information criterion; the least is preferred
+    ratio: float  #: sum of squared residuals with the cause over the sum without
+    criterion: float  #: Bayesian information criterion; the least is preferred
 
     @property
     def proved(self) -> bool:
-        """Return True if nothing is left for links to explain."""
+        """True if the cause leaves nothing for links to explain."""
         return self.links_p_value >= LINKS_LEVEL
 
 
 @dataclass(frozen=True)
 class HeldOutGain:
-    """Mean residual of held-out postures: the best model with links or coupling, and joints alone."""
+    """Result of a cross-validation: mean residuals of held-out postures, by two models.
+
+    The models are the best one with links or coupling, and joints alone.
+    """
 
     model: ElasticModel
     error: float  #: mean length of the residuals of that model [m]
@@ -129,27 +132,31 @@ class HeldOutGain:
 
 @dataclass(frozen=True, eq=False)
 class Screening:
-    """Outcome of the tests."""
+    """Outcome of the tests for causes, links and base in addition to the joints."""
 
     links_p_value: float  #: of the test of links added to the joints; 1 where the readings cannot decide
-    tests: tuple[CauseTest, ...]  #: of all causes, the most significant first; none where none could be made
-    causes: tuple[Cause, ...]  #: the cause that explains most, and those that explain as much; none, or few
+    tests: tuple[
+        CauseTest, ...
+    ]  #: tests of all causes, the most significant first; empty where no test was possible
+    causes: tuple[
+        Cause, ...
+    ]  #: the best cause and those that explain the readings equally well; may be empty
     gain: HeldOutGain | None = None  #: gain of the cross-validation; None where none was run
     base_p_value: float = 1.0  #: p-value of the test of a base added to the joints
-    #: p-value of the test of links added to joints and base, and of a base added to joints and links; of a
-    #: base that its own test speaks for
+    #: p-value of links added to joints and base, then of a base added to joints and links; 1 if the test of
+    #: the base alone is not significant
     links_beside_base: float = 1.0
     base_beside_links: float = 1.0
-    comparable: bool = True  #: whether the options allow for comparing joints alone with elastic links
+    comparable: bool = True  #: whether the options allow a comparison of joints alone with elastic links
 
     @property
     def proved(self) -> bool:
-        """Return True if causes are named that leave nothing for links to explain."""
+        """True if causes were found, and each leaves nothing for links to explain."""
         return bool(self.causes) and all(cause.proved for cause in self.causes)
 
     @property
     def lack_of_fit(self) -> bool:
-        """Return True if links explain the readings better: on held-out postures, if these were compared."""
+        """True if links explain the readings better, by cross-validation, or else by the F test."""
         proved, gain = self.links_p_value < MISTAKE_LEVEL, self.gain
         if gain is not None:
             proved = gain.error_of_joints - gain.error > CLEAR_GAIN * gain.standard_error
@@ -157,43 +164,45 @@ class Screening:
 
     @property
     def links_speak(self) -> bool:
-        """Return True if links are worth a cross-validation: no proved cause explains them."""
+        """True if models with links should be cross-validated: significant, and not explained by a cause."""
         return self.links_p_value < LINKS_LEVEL and not self.proved
 
     @property
     def base_speaks(self) -> bool:
-        """Return True if a base that bends is worth a cross-validation: no proved cause explains it."""
+        """True if a bending base should be cross-validated: significant, and not explained by a cause."""
         return self.base_p_value < MISTAKE_LEVEL and not self.proved
 
 
 def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate) -> Screening:
-    """Test what an identification of joints alone leaves unexplained; encoders take no part.
+    """Test for causes, links and a base that explain what joints alone leave unexplained.
 
-    Without a balance under the load, or without residual freedom, no test is significant. Causes that were
-    fitted with the joints already stay in the fit.
+    Only readings of targets are used, not encoders. If the load has no balance or there are no degrees of
+    freedom, no test is significant. Causes that were fitted before stay in the fit.
     """
     part, compliance = measurements.evenly(_TESTED), np.maximum(estimate.compliance, 0.0)
     balanced = compliance if estimate.balanced is None else np.maximum(estimate.balanced, 0.0)
     try:
         block = next(regressor_blocks(robot, part, balanced))
-    except SolverError:  # no balance: other reasons say so
+    except SolverError:  # no balance under the load: the assessment reports that elsewhere
         return Screening(1.0, (), ())
     before, seen = fitted_errors(measurements).terms, ~estimate.observability.null
-    suspects = _suspects(measurements, block, compliance, before)
+    suspects = _list_suspects(measurements, block, compliance, before)
     triangles = _Triangles(block, compliance, seen, before, [suspect.term for suspect in suspects])
     links = triangles.links_p_value()
     *p_values, base = triangles.p_values([*(s.term.name for s in suspects), DIAGONAL_BASE.name])
+    # A cause sought by its onset is tested once for each onset that was tried (Bonferroni).
     tests = {s: min(1.0, s.tried * max(s.least_p, p)) for s, p in zip(suspects, p_values, strict=True)}
     ordered = sorted(suspects, key=tests.__getitem__)
     causes: list[Cause] = []
     for suspect in ordered:
         if tests[suspect] < MISTAKE_LEVEL / len(suspects):
-            with suppress(SolverError):  # it leads to loads that no arm balances
+            with suppress(SolverError):  # the cause implies loads without a balance: it is no explanation
                 causes.append(_follow_cause(robot, part, triangles, suspect, tests[suspect]))
     causes.sort(key=lambda cause: -cause.criterion)
-    of_name = {cause.suspect.name: cause for cause in causes}  # the best of each
+    of_name = {cause.suspect.name: cause for cause in causes}  # causes of one name: the best stays
     best = min((cause.criterion for cause in causes), default=np.inf)
     named = tuple(cause for cause in reversed(of_name.values()) if cause.criterion <= best + AS_WELL)
+    # If links explain the readings better than any cause, keep only causes that leave nothing for links.
     if links < LINKS_LEVEL and triangles.links_criterion() < best - AS_WELL:
         named = tuple(cause for cause in named if cause.proved)
     listed = tuple(CauseTest(name=each.name, first=each.first, p_value=tests[each]) for each in ordered)
@@ -213,75 +222,81 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
 def fit_causes(
     robot: Robot, measurements: Measurements, named: Sequence[tuple[str, str | None]]
 ) -> Measurements:
-    """Return the readings without the motion by causes, fitted with the joints; their uncertainty goes along.
+    """Return the measurements with the motion by named causes subtracted, and the causes' uncertainty added.
+
+    The causes are fitted together with the joints.
 
     Args:
         robot: n joints.
         measurements: N observations.
-        named: name of each cause, and label of the first observation that it concerns; None for all.
+        named: name of each cause, and label of the first observation that the cause concerns; None for all.
 
     Raises:
-        RequestError: the readings do not show such a cause, or it leads to loads that no arm balances.
+        RequestError: the readings do not show a cause, or a cause implies loads without a balance.
     """
     if not named:
         return measurements
     try:
-        return _fit_named(robot, measurements, named)
+        return _subtract_named_causes(robot, measurements, named)
     except SolverError as error:
         remedy = "omit the cause, and check the units of force and length"
         raise RequestError(error.reason, where="causes", remedy=remedy) from error
 
 
-def _fit_named(
+def _subtract_named_causes(
     robot: Robot, measurements: Measurements, named: Sequence[tuple[str, str | None]]
 ) -> Measurements:
-    """Return the readings without what causes moved.
+    """Return the measurements with the motion by named causes subtracted, as `fit_causes`.
 
     Raises:
-        RequestError: the readings do not show such a cause.
-        SolverError: it leads to loads that no arm balances.
+        RequestError: the readings do not show a named cause.
+        SolverError: a cause implies loads without a balance.
     """
     part = measurements.evenly(_TESTED)
     block = next(regressor_blocks(robot, part))
     rows = Stack.of([block], [JOINTS], np.zeros(robot.n)).flat
-    compliance, _ = nonnegative(rows[:, :-1], rows[:, -1])
+    compliance, _ = solve_nonnegative(rows[:, :-1], rows[:, -1])
+    # A turn includes a shift: from the same observation on only one of the two is fitted.
     named = [(name, first) for name, first in named if name != "shift" or ("turn", first) not in named]
     firsts = [first for _, first in named if first is not None]
-    known = {(s.name, s.first): s for s in _suspects(measurements, block, compliance, (), firsts)}
+    known = {(s.name, s.first): s for s in _list_suspects(measurements, block, compliance, (), firsts)}
     missing = next((each for each in named if each not in known), None)
     if missing is not None:
         since_first = f" since observation '{missing[1]}'" if missing[1] else ""
         raise RequestError(
-            f"the readings have nothing that shows '{missing[0]}'{since_first}",
+            f"the readings do not show the cause '{missing[0]}'{since_first}",
             where="causes",
             remedy=f"give one of: {', '.join(sorted({name for name, _ in known}))}",
         )
-    fitted = _fit(robot, part, [known[each].term for each in named], compliance)
-    corrected = _take_out(robot, measurements, fitted.errors, fitted.compliance)
+    fitted = _fit_causes_with_joints(robot, part, [known[each].term for each in named], compliance)
+    corrected = _subtract_errors(robot, measurements, fitted.errors, fitted.compliance)
     return CorrectedMeasurements.of(corrected, fitted.errors)
 
 
 @dataclass(frozen=True, eq=False)
-class _Fitted:
-    """Causes fitted with the joints."""
+class _FittedCauses:
+    """Result of fitting causes together with the joints."""
 
     errors: FittedErrors
-    compliance: FloatArray  # (n,) of the joints fitted with them
-    triangles: _Triangles  # of the readings without them
+    compliance: FloatArray  # (n,) of the joints, fitted together with the causes [rad/(N·m)]
+    triangles: _Triangles  # of the readings with the causes of earlier steps subtracted
 
 
-def _fit(robot: Robot, part: Measurements, terms: Sequence[Term], compliance: FloatArray) -> _Fitted:
-    """Fit causes with the joints by Gauss-Newton.
+def _fit_causes_with_joints(
+    robot: Robot, part: Measurements, terms: Sequence[Term], compliance: FloatArray
+) -> _FittedCauses:
+    """Fit causes together with the joints by Gauss-Newton, starting at a compliance (n,) of the joints.
 
-    Combinations that the joints explain as well stay zero, and are as uncertain as the others are large.
+    Directions of the unknowns that the joints explain equally well stay zero; their standard uncertainty is
+    set to the size of the other unknowns.
 
     Raises:
-        SolverError: they lead to loads that no arm balances.
+        SolverError: a cause implies loads without a balance.
     """
     now, unknowns, size = part, np.zeros(()), np.zeros(0)
     for _ in range(_REFITS):
         block = next(regressor_blocks(robot, now, compliance))
-        # a load elsewhere may twist joints that it did not
+        # A corrected load may twist joints that the stated load did not twist.
         excitation = Excitation(robot.joint_kinds)
         excitation.add(block)
         seen = ~excitation.observability().null
@@ -291,30 +306,33 @@ def _fit(robot: Robot, part: Measurements, terms: Sequence[Term], compliance: Fl
         compliance[seen] = np.maximum(found.known, 0.0)
         ends = np.cumsum([len(triangles.stated.span[term.name]) for term in terms])[:-1]
         before, unknowns = unknowns, unknowns + found.unknowns
-        if not size.any():
+        if not size.any():  # unit of each term's unknowns: their root mean square after the first step
             own = np.split(unknowns, ends)
             size = np.concatenate([np.full(len(each), np.sqrt(np.mean(each**2)) or 1.0) for each in own])
+        # Set the part of the unknowns that the joints explain equally well to zero.
         hidden = np.linalg.qr(found.hidden / size[:, None])[0]
         unknowns = unknowns - size * (hidden @ (hidden.T @ (unknowns / size)))
         root = np.hstack([triangles.sigma * found.root, size[:, None] * hidden])
         determined = found.root.shape[1]
         errors = FittedErrors(tuple(terms), tuple(np.split(unknowns, ends)), root, determined)
-        fitted = _Fitted(errors, compliance, triangles)
+        fitted = _FittedCauses(errors, compliance, triangles)
         if np.linalg.norm((unknowns - before) / size) <= _STEADY * np.linalg.norm(unknowns / size):
             break
-        now = _take_out(robot, part, errors, compliance)
+        now = _subtract_errors(robot, part, errors, compliance)
     return fitted
 
 
 def _follow_cause(
     robot: Robot, part: Measurements, triangles: _Triangles, suspect: Suspect, p_value: float
 ) -> Cause:
-    """Follow a cause to what it explains most.
+    """Fit a suspected cause together with the joints until convergence.
 
     Raises:
-        SolverError: it leads to loads that no arm balances, or to a negative size of what has none.
+        SolverError: the cause implies loads without a balance, or a size below zero where none is possible.
     """
-    fitted = _fit(robot, part, [*fitted_errors(part).terms, suspect.term], triangles.compliance)
+    fitted = _fit_causes_with_joints(
+        robot, part, [*fitted_errors(part).terms, suspect.term], triangles.compliance
+    )
     unknowns = fitted.errors.unknowns[-1]
     surest = unknowns / np.linalg.norm(fitted.errors.root, axis=1)[-len(unknowns) :]
     if suspect.term.nonnegative and surest[np.abs(surest).argmax()] < 0.0:
@@ -333,11 +351,12 @@ def _follow_cause(
     )
 
 
-def _take_out(
+def _subtract_errors(
     robot: Robot, measurements: Measurements, errors: FittedErrors, compliance: FloatArray
 ) -> Measurements:
-    """Return the readings without what errors moved, at a compliance (n,) of the joints."""
+    """Return the measurements with the motion by fitted errors subtracted, at a joint compliance (n,)."""
     pairs = list(zip(errors.terms, errors.unknowns, strict=True))
+    # Errors of the load change the measurements' loads; the motion by all other errors is subtracted.
     for term, own in pairs:
         if term.under is not None:
             measurements = term.under(robot, measurements, own)
@@ -358,48 +377,51 @@ def _take_out(
     return replace(measurements, deflection=measurements.deflection - moved, encoders=encoders)
 
 
-def _suspects(
+def _list_suspects(
     measurements: Measurements,
     block: RegressorBlock,
     compliance: FloatArray,
     before: Sequence[Term],
     firsts: Sequence[str] | None = None,
 ) -> list[Suspect]:
-    """Return what may have moved the targets of a set.
+    """Return the causes that may have moved the targets, with limits of p-values against wrong readings.
 
     Args:
         measurements: N observations.
-        block: some of them.
-        compliance: (n,) of the joints.
-        before: terms that are fitted in any case.
-        firsts: labels of observations from which on something came about; None to look for them.
+        block: some of these observations.
+        compliance: (n,) of the joints [rad/(N·m)].
+        before: terms that are fitted in any case; they are not suspected again.
+        firsts: labels of observations that may be the onset of a cause; None to search for the onset.
     """
-    part, labels, loads = block.measurements, measurements.labels, _distinct_loads(measurements)
+    part, labels, loads = block.measurements, measurements.labels, _group_distinct_loads(measurements)
     tried = len(part) - 2 * _LEAST_PART + 1
     turn = turn_about(block.points[part.present].mean(axis=0))
+    # Causes that may set in at a later observation.
     later = {SHIFT.name: SHIFT, turn.name: turn, FORCE_SCALE.name: load_scale([labels])}
-    own = [load_scale(loads)] if len(loads) > 1 else []
-    found = [Suspect(t.name, t) for t in (*TERMS.values(), turn, *own) if t.suspected]
+    by_load = [load_scale(loads)] if len(loads) > 1 else []
+    found = [Suspect(t.name, t) for t in (*TERMS.values(), turn, *by_load) if t.suspected]
     if firsts is not None:
         known = [first for first in firsts if first in labels]
         found += [Suspect(t.name, since(t, labels, first), first) for t in later.values() for first in known]
     else:
         terms = [*(each.term for each in found), FORCE_SCALE]
         stack = Stack.of([block], [JOINTS, *before, *terms], compliance)
-        parts = _Since(stack, [term.name for term in terms], [term.name for term in (JOINTS, *before)])
-        least = parts.least_p(np.zeros(len(terms), np.intp))
+        fits = _OnsetFits(stack, [term.name for term in terms], [term.name for term in (JOINTS, *before)])
+        least = fits.p_values_without_best_observation(np.zeros(len(terms), np.intp))
         found = [replace(each, least_p=p) for each, p in zip(found, least.tolist(), strict=False)]
         if tried > 0:
-            rows = parts.came_about()
-            for each, row, p in zip(terms, rows.tolist(), parts.least_p(rows).tolist(), strict=True):
+            onsets = fits.find_onsets()
+            for each, onset, p in zip(
+                terms, onsets.tolist(), fits.p_values_without_best_observation(onsets).tolist(), strict=True
+            ):
                 if each.name in later:
-                    term, first = later[each.name], part.labels[row]
+                    term, first = later[each.name], part.labels[onset]
                     found.append(Suspect(term.name, since(term, labels, first), first, tried, p))
     return [suspect for suspect in found if suspect.term.name not in {term.name for term in before}]
 
 
-def _distinct_loads(measurements: Measurements) -> list[list[str]]:
-    """Return labels of the observations under each of few distinct loads, by their size."""
+def _group_distinct_loads(measurements: Measurements) -> list[list[str]]:
+    """Return the labels of the observations under each distinct load, by size; empty for many loads."""
     size = np.hypot(np.linalg.norm(measurements.force, axis=1), np.linalg.norm(measurements.moment, axis=1))
     order = np.argsort(size, kind="stable")
     steps = 1 + np.flatnonzero(np.diff(size[order]) > _DISTINCT * size[order][1:])
@@ -409,65 +431,72 @@ def _distinct_loads(measurements: Measurements) -> list[list[str]]:
     return [[measurements.labels[i] for i in group.tolist()] for group in groups]
 
 
-class _Since:
-    """Fits of S terms from each of N observations on, each together with the joints and other terms.
+class _OnsetFits:
+    """Fits of S terms that act only from some observation on, for each of N observations as the onset.
 
-    Columns have unit length over all observations.
+    Each term is fitted together with the joints and other terms. Columns have unit length over all
+    observations.
     """
 
     def __init__(self, stack: Stack, names: Sequence[str], known: Sequence[str]) -> None:
-        """Fit each term from each observation on.
+        """Fit each term for each observation as its onset.
 
         Args:
             stack: N observations.
-            names: of the S terms.
-            known: terms that are fitted in any case.
+            names: names of the S terms.
+            known: names of terms that are fitted in any case.
         """
-        flat = stack.of_unit_columns()[0].flat
-        there = basis(flat[:, np.concatenate([stack.span[name] for name in known])])
+        flat = stack.scale_to_unit_columns()[0].flat
+        there = orthonormal_basis(flat[:, np.concatenate([stack.span[name] for name in known])])
         left = stack.flat[:, -1] - there @ (there.T @ stack.flat[:, -1])
         columns = [flat[:, stack.span[name]] for name in names]
         q, self._width = there.shape[1], np.array([each.shape[1] for each in columns])
-        X = side_by_side(columns)  # (S, N m, k)
+        X = stack_padded(columns)  # (S, N m, k)
         shape, k = (len(stack), -1), X.shape[-1]
         rows = np.concatenate([there, left[:, None], *X], axis=1).reshape(*shape, q + 1 + len(names) * k)
-        since = Stack(rows, stack.read, {"known": q, "left": 1, "terms": len(names) * k}).grams_since
+        since = Stack(rows, stack.read, {"known": q, "left": 1, "terms": len(names) * k}).trailing_gram_sums
+        # `since` sums the Gram matrices from each observation to the last: the fits for all onsets at once.
         own = (q + 1 + np.arange(len(names) * k)).reshape(len(names), k)
         shared = since[:, :q][:, :, own].transpose(2, 0, 1, 3)  # (S, N, q, k)
+        # Gram matrix of each term after the known terms have been projected out.
         alone = since[:, own[:, :, None], own[:, None]].transpose(1, 0, 2, 3) - shared.mT @ shared
         self._moment = since[:, own, q, None].transpose(1, 0, 2, 3)  # (S, N, k, 1)
         self._unknowns = np.linalg.solve(alone + INDEPENDENT * np.eye(k), self._moment)
         self._read, self._X = stack.read, X.reshape(len(names), *shape, k)
         self._known, self._left = there.reshape(*shape, q), left.reshape(*shape, 1)
 
-    def came_about(self) -> IndexArray:
-        """Return the observation (S,) since which a term explains most, with enough before and after."""
+    def find_onsets(self) -> IndexArray:
+        """Return the indices (S,) of each term's best onset, with enough observations before and after."""
         gain = (self._moment * self._unknowns).sum(axis=(2, 3))
         allowed = gain[:, _LEAST_PART : gain.shape[1] - _LEAST_PART + 1]
         return np.asarray(_LEAST_PART + np.argmax(allowed, axis=1))
 
-    def least_p(self, first: IndexArray) -> FloatArray:
-        """Return the p-value (S,) of the terms since observations (S,), without the one they explain most."""
+    def p_values_without_best_observation(self, first: IndexArray) -> FloatArray:
+        """Return p-values (S,) of the terms from onsets `first` (S,), leaving out one observation each.
+
+        The observation that the term explains most is left out, as it may be a single wrong reading.
+        """
         count = len(self._read)
         moved = self._X @ self._unknowns[np.arange(len(first)), first][:, None]
         moved = np.where(np.arange(count)[:, None, None] >= first[:, None, None, None], moved, 0.0)
-        through = self._known @ np.einsum("brk,sbrl->skl", self._known, moved)[:, None]
-        before, after = np.square(self._left), np.square(self._left - moved + through)
+        # The known terms absorb part of the motion by the term.
+        absorbed = self._known @ np.einsum("brk,sbrl->skl", self._known, moved)[:, None]
+        before, after = np.square(self._left), np.square(self._left - moved + absorbed)
         before, gain = before.sum(axis=(1, 2)), (before - after).sum(axis=(2, 3))
         others = np.arange(count) != np.argmax(gain, axis=1)[:, None]
         freedom = (others * self._read).sum(axis=1) - self._known.shape[-1] - self._width
         explained = np.maximum((others * gain).sum(axis=1), 0.0)
         left = np.maximum((others * before).sum(axis=1) - explained, 1e-300)
-        sure = np.maximum(freedom, 1)
-        p = special.fdtrc(self._width, sure, explained / self._width / (left / sure))
+        divisor = np.maximum(freedom, 1)  # without freedom the p-value is 1, see below
+        p = special.fdtrc(self._width, divisor, explained / self._width / (left / divisor))
         return np.where(freedom < 1, 1.0, p)
 
 
 class _Triangles:
-    """Triangles of joints, causes and links: with the weights stated, and with equal ones where they differ.
+    """Compressed rows of joints, causes, links and base, with the stated and with equal weights.
 
     Attributes:
-        stated: with the weights stated.
+        stated: triangle with the weights stated with the readings.
     """
 
     def __init__(
@@ -478,38 +507,53 @@ class _Triangles:
         before: Sequence[Term],
         terms: Sequence[Term],
     ) -> None:
-        """Compress a block's rows; joints that are not seen are left out."""
+        """Compress a block's rows.
+
+        Args:
+            block: the observations.
+            compliance: (n,) of the joints [rad/(N·m)].
+            seen: (n,) whether the readings see each joint; other joints are left out.
+            before: terms that are fitted with the joints in any case.
+            terms: terms to be tested.
+        """
         self.fitted = (JOINTS.name, *(term.name for term in before))
         self.compliance = compliance
         self._block, self._seen = block, seen
         self._terms = [JOINTS, *before, *terms, DIAGONAL_LINKS, DIAGONAL_BASE]
-        self.stated = self._triangle(whitened_rows)
+        self.stated = self._compress_rows(whitened_rows)
 
     @cached_property
-    def _equal(self) -> Triangle:
-        return self._triangle(rows_of)
+    def _equally_weighted(self) -> Triangle:
+        """Triangle with equal weights of all readings."""
+        return self._compress_rows(rows_of)
 
-    def _triangle(self, weigh: Callable[..., Rows]) -> Triangle:
+    def _compress_rows(self, weigh: Callable[..., Rows]) -> Triangle:
+        """Return the triangle of all terms, with rows built by `weigh`."""
         triangle = Stack.of([self._block], self._terms, self.compliance, weigh).triangle()
         triangle.span[JOINTS.name] = np.flatnonzero(self._seen)
         return triangle
 
-    def _larger_p(self, level: float, test: Callable[[Triangle], FloatArray]) -> FloatArray:
-        """Return p-values of tests with the weights stated, or with equal ones where these are larger."""
+    def _larger_p_values(self, level: float, test: Callable[[Triangle], FloatArray]) -> FloatArray:
+        """Return p-values of a test, the larger of those with stated and with equal weights.
+
+        Where the p-value with stated weights is above `level`, equal weights are not tried.
+        """
         p = test(self.stated)
         if (p >= level).all() or self._block.measurements.covariance.ndim == 2:
             return p
-        return np.where(p >= level, p, np.maximum(p, test(self._equal)))
+        return np.where(p >= level, p, np.maximum(p, test(self._equally_weighted)))
 
     def p_values(self, names: Sequence[str], *others: str) -> list[float]:
-        """Return the p-value of each term added to the joints and to others."""
+        """Return the p-value of each named term added to the joints and to other terms."""
         fitted = (*self.fitted, *others)
-        return [*self._larger_p(MISTAKE_LEVEL, lambda triangle: triangle.p_values(names, fitted)).tolist()]
+        return [
+            *self._larger_p_values(MISTAKE_LEVEL, lambda triangle: triangle.p_values(names, fitted)).tolist()
+        ]
 
     def links_p_value(self, *others: str) -> float:
-        """Return the p-value of links added to the joints and to others."""
+        """Return the p-value of elastic links added to the joints and to other terms."""
         names, fitted = [DIAGONAL_LINKS.name], (*self.fitted, *others)
-        p_values = self._larger_p(
+        p_values = self._larger_p_values(
             LINKS_LEVEL,
             lambda triangle: triangle.p_values(names, fitted, most=self._leading_count, least=INDEPENDENT),
         )
@@ -517,28 +561,34 @@ class _Triangles:
 
     @property
     def _leading_count(self) -> int:
+        """Number of combinations of link compliances to test, fewer if there are few readings."""
         return max(0, min(_LEADING, (self.stated.rows - len(self._seen)) // 3))
 
     @property
     def sigma(self) -> float:
-        """Standard uncertainty of a coordinate by the residuals, or as stated where that is larger [m]."""
-        freedom = max(1, self.stated.rows - basis(self.stated.unit_columns(self.fitted)).shape[1])
+        """Standard uncertainty of a coordinate of a reading [m]: by residuals or stated, the larger."""
+        freedom = max(1, self.stated.rows - orthonormal_basis(self.stated.unit_columns(self.fitted)).shape[1])
         stated = self._block.measurements.sigma or 0.0
         return max(stated, float(np.sqrt(self.residual_squares() / freedom)))
 
     def residual_squares(self) -> float:
-        """Return the sum of squared residuals of the joints and of what is fitted in any case."""
+        """Return the sum of squared residuals of the joints and the terms that are fitted in any case."""
         return max(self.stated.residual_squares(self.fitted), 1e-300)
 
     def criterion(self, squares: float, unknowns: int) -> float:
-        """Return the Bayesian information criterion of a sum of squared residuals with more unknowns."""
+        """Return the Bayesian information criterion.
+
+        Args:
+            squares: sum of squared residuals.
+            unknowns: number of unknowns in addition to the joints.
+        """
         return self.stated.rows * float(np.log(squares)) + unknowns * float(np.log(self.stated.rows))
 
     def links_criterion(self) -> float:
-        """Return the same of links: their leading combinations."""
-        known = basis(self.stated.unit_columns(self.fitted))
+        """Return the Bayesian information criterion of joints with the leading combinations of links."""
+        known = orthonormal_basis(self.stated.unit_columns(self.fitted))
         links = self.stated.unit_columns([DIAGONAL_LINKS.name])
-        leading = basis(links - known @ (known.T @ links), INDEPENDENT)[:, : self._leading_count]
+        leading = orthonormal_basis(links - known @ (known.T @ links), INDEPENDENT)[:, : self._leading_count]
         explained = float(np.square(leading.T @ self.stated.rhs).sum())
         return self.criterion(max(self.residual_squares() - explained, 1e-300), leading.shape[1])
 
@@ -557,26 +607,27 @@ FALSE_ALARM: Final = 1e-4
 LARGEST_RATIO: Final = 0.7
 """Largest ratio of the residual sums, alternative to fit: model errors favour a wrong alternative by less."""
 LEAST_COMPENSATION: Final = 0.7
-"""Least compensation of an alternative; below it as given, whole joint maps are tried."""
+"""Least compensation of an acceptable alternative; if that of the data as given is less, joint maps are
+tried."""
 _MAPPED_JOINTS: Final = 7
-"""Number of joints up to which whole joint maps are tried: their number doubles with each joint."""
+"""Number of joints up to which whole joint maps are tried: each further joint doubles the number of maps."""
 _COMPARED: Final = 60
-"""Number of observations that suffice to find a mistake of the whole set."""
+"""Number of observations that suffice to find a mistake that all observations share."""
 _SCREENED: Final = 3
-"""Number of coordinates for each joint in the observations that select the alternatives to examine."""
+"""Number of coordinates, for each joint, in the observations that preselect alternatives."""
 _MOST_TARGETS: Final = 8
 _READINGS: Final = 24_576
-"""Maximum number of readings computed: with many joints fewer observations are compared."""
+"""Maximum number of readings over all alternatives: with many joints fewer observations are compared."""
 _LEAST_FREEDOM: Final = 3
 
 
 @dataclass(frozen=True, eq=False)
 class Alternative:
-    """One mistake that may have been made."""
+    """Possible mistake in the data, with the change that undoes the mistake."""
 
     kind: AlternativeKind  #: kind of mistake
-    joints: tuple[int, ...]  #: indices of the controller's joints concerned
-    matrix: FloatArray  #: (n, n) E, the controller's angles meant from those given, dimensionless
+    joints: tuple[int, ...]  #: indices of the affected joints of the controller
+    matrix: FloatArray  #: (n, n) E, dimensionless: correct controller angles are E q_c + e
     offset: FloatArray  #: (n,) e [rad]
     #: index of the target whose place and the load point are exchanged; None for other kinds
     target: int | None = None
@@ -587,33 +638,30 @@ class BetterAlternative:
     """An alternative that explains the readings far better than the set as given."""
 
     alternative: Alternative  #: the mistake that was undone
-    ratio: float  #: residual sum of squares with it over that without
-    compensation: float  #: share of the mean deflection explained with it
-    compensation_as_given: float  #: the same without it
+    ratio: float  #: residual sum of squares with the mistake undone over that as given
+    compensation: float  #: share of the mean deflection explained with the mistake undone
+    compensation_as_given: float  #: share of the mean deflection explained as given
 
 
-def better_alternative(robot: Robot, measurements: Measurements) -> BetterAlternative | None:
-    """Return the alternative of least residual sum if neither noise nor model errors explain its gain.
+def find_better_alternative(robot: Robot, measurements: Measurements) -> BetterAlternative | None:
+    """Find the mistake in the data whose correction explains the readings far better; None if none does.
 
-    The gain must be significant by an F test in which the alternative counts as n further parameters, all
-    compliances of each fit being non-negative.
-
-    Returns:
-        The alternative, or None where no alternative fits far better.
+    The gain must be larger than noise and model errors explain: significant by an F test in which the
+    correction counts as n further parameters. All fits have compliances ≥ 0.
     """
-    best, plain = _best_alternative(
-        robot, measurements, _alternatives(robot.joint_kinds, measurements.present.shape[1])
+    best, given_compensation = _find_best_alternative(
+        robot, measurements, _list_alternatives(robot.joint_kinds, measurements.present.shape[1])
     )
-    if plain < LEAST_COMPENSATION and 2 < robot.n <= _MAPPED_JOINTS:
-        mapped, _ = _best_alternative(robot, measurements, _joint_maps(robot.joint_kinds))
+    if given_compensation < LEAST_COMPENSATION and 2 < robot.n <= _MAPPED_JOINTS:
+        mapped, _ = _find_best_alternative(robot, measurements, _list_joint_maps(robot.joint_kinds))
         best = min((b for b in (best, mapped) if b), key=lambda b: b.ratio, default=None)
     return best
 
 
-def _best_alternative(
+def _find_best_alternative(
     robot: Robot, measurements: Measurements, alternatives: Sequence[Alternative]
 ) -> tuple[BetterAlternative | None, float]:
-    """Compare alternatives: the best that is significant, and the compensation as given."""
+    """Return the best significant alternative, or None, and the compensation of the data as given."""
     affordable = _READINGS // (measurements.present.shape[1] * (len(alternatives) + 1))
     part = measurements.evenly(max(1, min(_COMPARED, affordable)))
     # A rigid flange moves by six coordinates at most.
@@ -621,32 +669,41 @@ def _best_alternative(
     freedom = coordinates - robot.n
     if freedom < _LEAST_FREEDOM:
         return None, 1.0
-    # Noise alone goes below that ratio of residual sums with probability `FALSE_ALARM`.
+    # Noise alone gives a ratio of residual sums below `ratio` with probability `FALSE_ALARM` at most.
     quantile = float(special.fdtri(robot.n, freedom, 1.0 - FALSE_ALARM / len(alternatives)))
     ratio = min(LARGEST_RATIO, 1.0 / (1.0 + robot.n * quantile / freedom))
     # Some of the observations select the alternatives to examine.
     some = part.evenly(math.ceil(_SCREENED * robot.n * len(part) / coordinates))
-    rows = _rows(robot, some, alternatives)
-    as_given, plain = _fit_nonnegative(rows[0])
-    alternatives = [a for a, left in zip(alternatives, _least_sums(rows[1:]), strict=True) if left < as_given]
+    rows = _build_rows(robot, some, alternatives)
+    as_given, given_compensation = _fit_nonnegative_compliances(rows[0])
+    alternatives = [
+        a for a, left in zip(alternatives, _bound_residual_sums(rows[1:]), strict=True) if left < as_given
+    ]
     if not alternatives:
-        return None, plain
-    rows = _rows(robot, part, alternatives)
-    as_given, plain = _fit_nonnegative(rows[0])
+        return None, given_compensation
+    rows = _build_rows(robot, part, alternatives)
+    as_given, given_compensation = _fit_nonnegative_compliances(rows[0])
     needed, best = as_given * ratio, None
-    for k in (1 + np.flatnonzero(_least_sums(rows[1:]) < needed)).tolist():
-        left, compensation = _fit_nonnegative(rows[k])
+    for k in (1 + np.flatnonzero(_bound_residual_sums(rows[1:]) < needed)).tolist():
+        left, compensation = _fit_nonnegative_compliances(rows[k])
         if left < needed and compensation >= LEAST_COMPENSATION:
-            best, needed = BetterAlternative(alternatives[k - 1], left / as_given, compensation, plain), left
-    # Where every force is reversed, much explains more than nothing; the integrity checks find the sign.
-    if best is not None and _fit_nonnegative(rows[0] * np.append(np.ones(robot.n), -1.0))[0] < needed:
-        return None, plain
-    return best, plain
+            best, needed = (
+                BetterAlternative(alternatives[k - 1], left / as_given, compensation, given_compensation),
+                left,
+            )
+    # If every force has the wrong sign, nearly any alternative fits better than the data as given; then the
+    # integrity checks report the sign, and no alternative is returned.
+    if (
+        best is not None
+        and _fit_nonnegative_compliances(rows[0] * np.append(np.ones(robot.n), -1.0))[0] < needed
+    ):
+        return None, given_compensation
+    return best, given_compensation
 
 
 @lru_cache
-def _alternatives(kinds: tuple[JointKind, ...], targets: int) -> tuple[Alternative, ...]:
-    """Return the mistakes that are compared: lengths are neither exchanged nor coupled with angles."""
+def _list_alternatives(kinds: tuple[JointKind, ...], targets: int) -> tuple[Alternative, ...]:
+    """Return the single mistakes to compare; only joints of the same kind are exchanged or coupled."""
     n, turning = len(kinds), [j for j, kind in enumerate(kinds) if kind == "revolute"]
     unit, none = np.eye(n), np.zeros(n)
     mistakes: list[Alternative] = []
@@ -670,8 +727,8 @@ def _alternatives(kinds: tuple[JointKind, ...], targets: int) -> tuple[Alternati
 
 
 @lru_cache
-def _joint_maps(kinds: tuple[JointKind, ...]) -> tuple[Alternative, ...]:
-    """Return joint maps: the signs of some joints reversed, the third joint coupled to the second or not."""
+def _list_joint_maps(kinds: tuple[JointKind, ...]) -> tuple[Alternative, ...]:
+    """Return joint maps to compare: any signs reversed, and the third joint coupled to the second or not."""
     n, maps = len(kinds), list[Alternative]()
     unit, couplings = np.eye(n), (0.0, 1.0, -1.0) if kinds[1] == kinds[2] else (0.0,)
     for coupling, signs in product(couplings, product((1.0, -1.0), repeat=n)):
@@ -683,13 +740,13 @@ def _joint_maps(kinds: tuple[JointKind, ...]) -> tuple[Alternative, ...]:
     return tuple(maps)
 
 
-def _rows(robot: Robot, given: Measurements, alternatives: Sequence[Alternative]) -> FloatArray:
-    """Build the whitened rows (K + 1, R, n + 1) [A d] of the set as given, then of each alternative."""
+def _build_rows(robot: Robot, given: Measurements, alternatives: Sequence[Alternative]) -> FloatArray:
+    """Return whitened rows (K + 1, R, n + 1) [A d]: of the measurements as given, then of K alternatives."""
     count, times = len(given), len(alternatives) + 1
     matrices = np.array([np.eye(robot.n), *(each.matrix for each in alternatives)])
     offsets = np.array([np.zeros(robot.n), *(each.offset for each in alternatives)])
     joints = (given.joints @ matrices.transpose(0, 2, 1) + offsets[:, None]).reshape(times * count, -1)
-    at = Postures(robot, robot.joint_map.model_angles(joints))
+    postures = Postures(robot, robot.joint_map.model_angles(joints))
     stacked = given[np.tile(np.arange(count), times)]
     load_point, position = stacked.load_point.copy(), stacked.position.copy()
     places = np.where(given.in_flange[..., None], given.position, targets_in_flange(robot, given))
@@ -699,20 +756,20 @@ def _rows(robot: Robot, given: Measurements, alternatives: Sequence[Alternative]
             load_point[part] = places[:, t]
             position[part, t] = np.where(given.in_flange[:, t, None], given.load_point, given.position[:, t])
     block = unloaded_block(
-        robot, at, replace(stacked, joints=joints, load_point=load_point, position=position)
+        robot, postures, replace(stacked, joints=joints, load_point=load_point, position=position)
     )
     return Stack.of([block], [JOINTS], np.zeros(robot.n)).rows.reshape(times, -1, robot.n + 1)
 
 
-def _least_sums(rows: FloatArray) -> FloatArray:
-    """Return no more than the residual sums (K,) of fits without bounds to rows (K, R, n + 1) [A d]."""
+def _bound_residual_sums(rows: FloatArray) -> FloatArray:
+    """Return lower limits (K,) of the residual sums for rows (K, R, n + 1) [A d]: fits without bounds."""
     return np.square(triangle_of(rows)[:, -1, -1])
 
 
-def _fit_nonnegative(rows: FloatArray) -> tuple[float, float]:
-    """Fit non-negative compliances to rows (R, n + 1) [A d]: residual sum of squares, and compensation."""
+def _fit_nonnegative_compliances(rows: FloatArray) -> tuple[float, float]:
+    """Fit compliances ≥ 0 to rows (R, n + 1) [A d]; return residual sum of squares and compensation."""
     A, d = rows[:, :-1], rows[:, -1]
-    residual = d - A @ nonnegative(A, d)[0]
+    residual = d - A @ solve_nonnegative(A, d)[0]
     left = np.linalg.norm(residual.reshape(-1, 3), axis=1).sum()
     moved = np.linalg.norm(d.reshape(-1, 3), axis=1).sum()
     return float(residual @ residual), float(1.0 - left / moved) if moved > 0.0 else 0.0

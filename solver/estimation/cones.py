@@ -15,13 +15,13 @@ from jointstiff.solver.mechanics.springs import entries, weights
 
 
 def diagonal(size: int) -> IndexArray:
-    """(size,) places of the diagonal entries in the vector."""
+    """Return the indices (size,) of a matrix's diagonal entries in the vector of its upper triangle."""
     rows, columns = entries(size)
     return np.flatnonzero(rows == columns)
 
 
 def to_matrix(vector: FloatArray, size: int) -> FloatArray:
-    """(..., size, size) of vectors (..., size (size + 1) / 2)."""
+    """Return the symmetric matrices (..., size, size) that vectors (..., size (size + 1) / 2) represent."""
     rows, columns = entries(size)
     out = np.empty((*vector.shape[:-1], size, size))
     out[..., rows, columns] = out[..., columns, rows] = vector / weights(size)
@@ -29,16 +29,20 @@ def to_matrix(vector: FloatArray, size: int) -> FloatArray:
 
 
 def to_vector(matrix: FloatArray) -> FloatArray:
-    """(..., size (size + 1) / 2) of symmetric matrices (..., size, size)."""
+    """Return the vectors (..., size (size + 1) / 2) that represent symmetric matrices (..., size, size)."""
     size = matrix.shape[-1]
     rows, columns = entries(size)
     return np.asarray(matrix[..., rows, columns] * weights(size))
 
 
 def raised(vector: FloatArray, size: int) -> FloatArray:
-    """A block with as much added to its diagonal as it takes for no computed eigenvalue to be negative.
+    """Return a block whose diagonal is increased until no computed eigenvalue is negative.
 
-    It is rounding, of a few parts in 10¹⁶ of the greatest eigenvalue.
+    The increase only removes rounding: a few parts in 10¹⁶ of the greatest eigenvalue.
+
+    Args:
+        vector: (size (size + 1) / 2,) upper triangle of the block, a symmetric matrix.
+        size: number of the block's rows.
     """
     lift = np.finfo(float).eps * float(np.abs(vector).max(initial=0.0))
     raised_vector = vector
@@ -51,11 +55,11 @@ def raised(vector: FloatArray, size: int) -> FloatArray:
 
 @dataclass(frozen=True)
 class Cone:
-    """Layout of the parameters."""
+    """Layout of a vector of parameters: first scalars ≥ 0, then blocks, positive semidefinite matrices."""
 
-    nonnegative: int  #: how many of the first are zero or positive
-    sizes: tuple[int, ...] = ()  #: sizes of the blocks that follow, each a symmetric matrix as a vector
-    penalised: int = 0  #: how many of the scalars, the last ones, have a penalty as the blocks' traces have
+    nonnegative: int  #: number of scalars, which come first and are zero or positive
+    sizes: tuple[int, ...] = ()  #: number of rows of each block; blocks are stored as vectors, see above
+    penalised: int = 0  #: number of scalars, the last ones, that are penalised like the blocks' traces
 
     @property
     def dimension(self) -> int:
@@ -64,11 +68,11 @@ class Cone:
 
     @property
     def free(self) -> int:
-        """Number of the first scalars, those without a penalty."""
+        """Number of scalars without a penalty; they come first."""
         return self.nonnegative - self.penalised
 
     def blocks(self) -> Iterator[tuple[int, slice]]:
-        """Size and place of each block."""
+        """Yield each block's number of rows and the slice of the parameters that holds the block."""
         start = self.nonnegative
         for size in self.sizes:
             stop = start + size * (size + 1) // 2
@@ -76,7 +80,7 @@ class Cone:
             start = stop
 
     def least(self, x: FloatArray) -> float:
-        """Least of the scalars and of the blocks' eigenvalues; inf of nothing."""
+        """Return the least of all scalars and all eigenvalues of the blocks of x (p,); inf if p = 0."""
         values = [
             x[: self.nonnegative],
             *(np.linalg.eigvalsh(to_matrix(x[place], size)) for size, place in self.blocks()),
@@ -84,7 +88,7 @@ class Cone:
         return float(min((value.min() for value in values if len(value)), default=np.inf))
 
     def project(self, x: FloatArray) -> FloatArray:
-        """The nearest point of the cone, whose computed eigenvalues are not below zero either."""
+        """Return the point (p,) of the cone nearest to x (p,); no computed eigenvalue is negative."""
         out = np.maximum(x, 0.0)
         for size, place in self.blocks():
             eigenvalues, vectors = np.linalg.eigh(to_matrix(x[place], size))
@@ -93,7 +97,7 @@ class Cone:
         return out
 
     def penalty(self, weight: float) -> FloatArray:
-        """(p,) the weight λ for the penalised scalars and on the diagonals of the blocks."""
+        """Return the gradient (p,) of the penalty: λ at penalised scalars and block diagonals, else zero."""
         out = np.zeros(self.dimension)
         out[self.free : self.nonnegative] = weight
         for size, place in self.blocks():
@@ -103,7 +107,10 @@ class Cone:
 
 @dataclass(frozen=True)
 class Block:
-    """Unknowns of one joint: c, then the boxes' ζ, then three ν for each ball."""
+    """Layout of one joint's unknowns: compliance c, then ζ limited by a box, then ν (3,) in each ball.
+
+    `conic.Cones` states the limits of ζ and ν.
+    """
 
     boxes: int  #: number of ζ
     #: for each ball: index of the ζ by which its radius grows, −1 for none, and by how much in addition to c
@@ -111,5 +118,5 @@ class Block:
 
     @property
     def size(self) -> int:
-        """Return the number of unknowns."""
+        """Number of unknowns of the joint."""
         return 1 + self.boxes + 3 * len(self.balls)

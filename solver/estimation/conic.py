@@ -33,23 +33,23 @@ if TYPE_CHECKING:
     from jointstiff.solver.estimation.convex import Program  # takes a second to import
 
 GAP: Final = 1e-8
-"""Greatest excess of a loss over its optimum, with ‖b‖ = 1, that `solve_weighed` lets pass."""
+"""Greatest excess of the loss over its optimum, with ‖b‖ = 1, that `solve_weighed` accepts."""
 _CONE_LADDER: Final = (1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 """Tolerances of Clarabel, tried in this order: not every problem can be solved to the tightest."""
 _NORMS_LADDER: Final = (1e-7, 1e-8, 1e-9, 1e-10)
 _WEIGHED_LADDER: Final = (1e-10, 1e-9, 1e-8)
 _END_LADDER: Final = (1e-8, 1e-7, 1e-6)
-"""The same for ends: relative to the estimate, no end needs more than the last."""
+"""Tolerances of Clarabel for ends of intervals; an end needs no more digits than the last tolerance gives."""
 _NEAR_LEAST_SQUARES: Final = 1e-6
-"""Singular values below this part of the first are left out of the point the program is stated around."""
+"""Singular values below this part of the first are ignored in the starting point of a program."""
 _LEAST_UNIT: Final = 1e-9
-"""Residual, relative to the readings, in whose unit a program is stated at the least."""
+"""Least unit in which a program is stated, as a residual relative to the readings."""
 _NEWTON_STEPS: Final = 4
-"""Newton steps; each doubles the correct digits once the face is right."""
+"""Number of Newton steps; each doubles the correct digits once the face is the optimum's."""
 _SLACK_ROUNDING: Final = 1e-13
 """Largest negative slack that counts as zero, in units of the column's norm and the readings'."""
 _NORMS_SLACK_ROUNDING: Final = 1e-12
-"""The same for a robust loss."""
+"""Largest negative slack that counts as zero, for a robust loss."""
 _SMALL: Final = 1e-3
 """Compliance, in the program's units, that is negligible for explaining the readings."""
 _ROUNDING: Final = 1e-12
@@ -59,7 +59,7 @@ _RIDGE: Final = 1e-13
 _UNSEEN: Final = 1e-10
 """Singular value, relative to the greatest, that is rounding of columns that depend on each other."""
 _OPEN: Final = 1e-6
-"""Share of a function outside of what the readings see that is rounding."""
+"""Share of a function outside the span of the readings that is rounding."""
 _LEAST_RADIUS: Final = 1e-6
 """Radius of the ball of `weighed_ends`, relative to ‖b‖, below which Clarabel's rounding shows: exact
 readings."""
@@ -67,19 +67,19 @@ readings."""
 
 @dataclass(frozen=True, eq=False)
 class LeastSquares:
-    """The quadratic part, shared by programs with other penalties."""
+    """Quadratic part ‖R x − z‖² of the objective, shared by programs with different penalties."""
 
     R: FloatArray  #: (m, p) regressor; columns of parameters without a penalty have unit norm
     z: FloatArray  #: (m,) readings of unit norm
 
     @cached_property
     def near(self) -> FloatArray:
-        """(p,) a point near the least-squares solution, of moderate size."""
+        """Point (p,) near the least-squares solution, of moderate size, around which programs are stated."""
         return np.asarray(np.linalg.lstsq(self.R, self.z, rcond=_NEAR_LEAST_SQUARES)[0])
 
     @cached_property
     def compressed(self) -> tuple[FloatArray, FloatArray]:
-        """Upper triangle T (k, p) and y (k,) with ‖T x − y‖² = ‖R x − z‖² but for a constant."""
+        """Triangle T (k, p) and readings y (k,): ‖T x − y‖² equals ‖R x − z‖² up to a constant."""
         p = self.R.shape[1]
         both = triangle_of(np.column_stack([self.R, self.z]))
         return both[:p, :p], both[:p, p]
@@ -87,7 +87,7 @@ class LeastSquares:
 
 @dataclass(frozen=True, eq=False)
 class SemidefiniteProgram:
-    """A program with squared residuals as data."""
+    """Program with squared residuals: minimise ‖R x − z‖² + pᵀx for x in a cone."""
 
     fit: LeastSquares  #: quadratic part
     cone: Cone  #: cone of the parameters; columns of scalars without a penalty are independent
@@ -95,18 +95,25 @@ class SemidefiniteProgram:
 
     @cached_property
     def penalty(self) -> FloatArray:
-        """P (p,)."""
+        """Gradient p (p,) of the penalty."""
         return self.cone.penalty(self.weight)
 
     def slack(self, x: FloatArray) -> FloatArray:
-        """(p,) gradient of the objective: in the dual cone, and orthogonal to x, at the optimum."""
+        """Return the gradient (p,) of the objective at x (p,), the slack of the dual program.
+
+        At the optimum the slack is in the dual cone and orthogonal to x.
+        """
         return np.asarray(2.0 * self.fit.R.T @ (self.fit.R @ x - self.fit.z) + self.penalty)
 
-    def interior_point(self, tolerance: float, unit: float) -> FloatArray | None:
-        """Solve by Clarabel in y = (x − near) / unit, so that the objective does not drown in ‖z‖².
+    def find_interior_point(self, tolerance: float, unit: float) -> FloatArray | None:
+        """Solve the program by Clarabel in the variables y = (x − near) / unit.
 
-        The program is homogeneous: in a unit of the residual's size Clarabel's absolute tolerances hold
-        there.
+        With a unit of the residual's size, Clarabel's absolute tolerances are relative to the residual, not
+        to the much larger readings.
+
+        Args:
+            tolerance: of Clarabel.
+            unit: size of the residual, relative to the readings.
 
         Returns:
             (p,) a point near the optimum; None if Clarabel fails.
@@ -115,7 +122,7 @@ class SemidefiniteProgram:
 
         near = self.fit.near
         T, readings = self.fit.compressed
-        stated = convex.semidefinite(len(T), self.cone)
+        stated = convex.state_semidefinite(len(T), self.cone)
         data = {"T": T, "z": (readings - T @ near) / unit, "p": self.penalty / unit, "near": near / unit}
         moved = stated.solve(data, tolerance)
         return None if moved is None else near + unit * moved
@@ -123,23 +130,23 @@ class SemidefiniteProgram:
 
 @dataclass(frozen=True, eq=False)
 class NormSum:
-    """The loss of some targets, shared by programs with other penalties."""
+    """Sum of the targets' losses Σ ρ(‖A_i x − d_i‖), shared by programs with different penalties."""
 
-    A: FloatArray  #: (K, 3, p)
-    d: FloatArray  #: (K, 3) with ``Σ ‖d_i‖ = 1``
+    A: FloatArray  #: (K, 3, p) regressor of K targets
+    d: FloatArray  #: (K, 3) deflections, scaled to ``Σ ‖d_i‖ = 1``
     cone: Cone  #: cone of the parameters
 
     @cached_property
     def program(self) -> Program:
-        """Return the program for all penalties and thresholds."""
+        """Compiled program, whose parameters are penalty and threshold."""
         from jointstiff.solver.estimation import convex  # takes a second to import
 
-        return convex.sum_of_norms(self.A, self.d, self.cone)
+        return convex.state_sum_of_norms(self.A, self.d, self.cone)
 
 
 @dataclass(frozen=True, eq=False)
 class RobustProgram:
-    """A program with a robust loss as data."""
+    """Program with a robust loss: minimise Σ ρ(‖A_i x − d_i‖) + pᵀx for x in a cone."""
 
     loss: NormSum  #: loss of the targets
     weight: float  #: λ > 0 of the penalty
@@ -148,34 +155,34 @@ class RobustProgram:
 
 @dataclass(frozen=True, eq=False)
 class ConeSolution:
-    """The optimum (p,) with its evidence."""
+    """Optimum of a program over a cone, with its certificate."""
 
-    x: FloatArray  #: the optimum
-    certificate: Certificate  #: at x
+    x: FloatArray  #: (p,) the optimum
+    certificate: Certificate  #: evidence of optimality at x
 
 
 _Proven = TypeVar("_Proven", bound=ConeSolution)
 
 
 def solve_cone(program: SemidefiniteProgram, *, gap: float, accepted: float | None = None) -> ConeSolution:
-    """Solve a program along a ladder of tolerances, polish its answer by Newton's method and prove it.
+    """Solve a program with squared residuals: by Clarabel, refined by Newton's method, and certified.
 
     Args:
-        program: finite, readings of unit norm.
-        gap: gap of a certificate that ends the search, with ‖z‖ = 1.
-        accepted: greatest gap that is accepted where no answer reaches `gap`; the same if None.
+        program: all numbers finite, readings of unit norm.
+        gap: the search ends when a certificate has at most this gap, with ‖z‖ = 1.
+        accepted: greatest gap that is accepted if no answer reaches `gap`; None for `gap`.
 
     Raises:
-        SolverError: no answer has such a certificate.
+        SolverError: no answer has a gap that is accepted.
     """
 
-    def solutions() -> Iterator[ConeSolution]:
-        """Yield points along the ladder, in the unit of the readings and in that of their residual."""
+    def propose_solutions() -> Iterator[ConeSolution]:
+        """Yield points with certificates by ever tighter tolerances, in units of readings and of residual."""
         T, z = program.fit.compressed
         left = max(float(np.linalg.norm(z - T @ program.fit.near)), _LEAST_UNIT)
         for tolerance in _CONE_LADDER:
             for unit in (1.0, left):
-                proposed = program.interior_point(tolerance, unit)
+                proposed = program.find_interior_point(tolerance, unit)
                 for _ in range(1 + _NEWTON_STEPS):
                     if proposed is None:
                         break
@@ -183,22 +190,23 @@ def solve_cone(program: SemidefiniteProgram, *, gap: float, accepted: float | No
                     yield ConeSolution(x, certify_cone(program, x))
                     proposed = Face(program, x).step()
 
-    return _first_proven(solutions(), gap, accepted)
+    return _select_certified(propose_solutions(), gap, accepted)
 
 
 def solve_robust(program: RobustProgram, *, gap: float, accepted: float | None = None) -> ConeSolution:
-    """Solve a program with a robust loss and prove it.
+    """Solve a program with a robust loss by Clarabel, and certify the optimum.
 
     Args:
-        program: finite.
-        gap: excess of the objective over the optimum that ends the search.
-        accepted: greatest that is accepted where no answer reaches `gap`; the same if None.
+        program: all numbers finite.
+        gap: the search ends when the objective exceeds the optimum by at most this.
+        accepted: greatest excess that is accepted if no answer reaches `gap`; None for `gap`.
 
     Raises:
-        SolverError: no answer has such a certificate.
+        SolverError: no answer has an excess that is accepted.
     """
 
-    def solutions() -> Iterator[ConeSolution]:
+    def propose_solutions() -> Iterator[ConeSolution]:
+        """Yield points with their certificates by ever tighter tolerances."""
         penalty, root = program.loss.cone.penalty(program.weight), np.sqrt(program.threshold)
         data = {"p": penalty, "root": np.array([root])}
         for tolerance in _NORMS_LADDER:
@@ -208,13 +216,17 @@ def solve_robust(program: RobustProgram, *, gap: float, accepted: float | None =
                 dual = -solution[1].reshape(-1, 4)[:, 1:]  # each cone's multipliers are (weight, −ν)
                 yield ConeSolution(x, certify_robust(program, x, dual))
 
-    return _first_proven(solutions(), gap, accepted)
+    return _select_certified(propose_solutions(), gap, accepted)
 
 
-def _first_proven(solutions: Iterable[_Proven], gap: float, accepted: float | None) -> _Proven:
-    """Return the first feasible solution that a gap proves, or else the best one if it is accepted."""
+def _select_certified(propose_solutions: Iterable[_Proven], gap: float, accepted: float | None) -> _Proven:
+    """Return the first feasible solution with a gap of at most `gap`, or else the best if accepted.
+
+    Raises:
+        SolverError: no feasible solution has a gap of at most `accepted`, or `gap` if None.
+    """
     best: _Proven | None = None
-    for solution in solutions:
+    for solution in propose_solutions:
         better = best is None or solution.certificate.gap < best.certificate.gap
         if better and solution.certificate.primal == 0.0:
             best = solution
@@ -230,7 +242,7 @@ def _first_proven(solutions: Iterable[_Proven], gap: float, accepted: float | No
 
 
 def certify_cone(program: SemidefiniteProgram, x: FloatArray) -> Certificate:
-    """Evaluate primal and dual at x, whatever led to it.
+    """Return the certificate of a point x (p,) by its duality gap, however x was found.
 
     For any ν with slack ``s = p + Rᵀν`` in the dual cone, ``−‖ν‖²/4 − νᵀz`` is below the optimum, and the
     objective at x is above that by ``‖ν/2 − r‖² + sᵀx`` with r = R x − z: a sum of what is not negative.
@@ -238,27 +250,27 @@ def certify_cone(program: SemidefiniteProgram, x: FloatArray) -> Certificate:
     """
     fit = program.fit
     residual = fit.R @ x - fit.z
-    nu, outside, slack = _feasible_dual(program.cone, program.weight, fit.R, 2.0 * residual)
-    excess = _complementarity(slack, x, program.cone, _SLACK_ROUNDING)
+    nu, outside, slack = _make_dual_feasible(program.cone, program.weight, fit.R, 2.0 * residual)
+    excess = _compute_complementarity(slack, x, program.cone, _SLACK_ROUNDING)
     gap = float(np.sqrt(np.square(0.5 * nu - residual).sum() + excess))
     return Certificate(max(0.0, -program.cone.least(x)), outside, gap, nu, "clarabel")
 
 
 def certify_robust(program: RobustProgram, x: FloatArray, dual: FloatArray) -> Certificate:
-    """Evaluate primal and dual, whatever led to them.
+    """Return the certificate of a point x by its duality gap, however x and the dual were found.
 
     For any ν with ‖ν_i‖ ≤ 1 and the slack ``s = p + Aᵀν`` in the dual cone, ``−Σ (ν_iᵀd_i + h‖ν_i‖²/2)`` is
     below the optimum. The objective at x is above that by ``Σ [ρ(r_i) + h‖ν_i‖²/2 − ν_iᵀr_i] + sᵀx`` with
     r = A x − d (Fenchel and Young), a sum of what is not negative, so that nothing cancels.
 
     Args:
-        program: the program.
-        x: (p,) in the cone.
-        dual: (K, 3) ν, near a feasible one.
+        program: program with a robust loss.
+        x: (p,) point in the cone.
+        dual: (K, 3) ν, nearly feasible.
     """
     loss, h = program.loss, program.threshold
     rows = loss.A.reshape(-1, len(x))
-    nu, outside, slack = _feasible_dual(loss.cone, program.weight, rows, dual)
+    nu, outside, slack = _make_dual_feasible(loss.cone, program.weight, rows, dual)
     # ρ(r) + h‖ν‖²/2 − νᵀr as squares and products that are not negative
     r = loss.A @ x - loss.d
     u = np.linalg.norm(r, axis=1)
@@ -267,27 +279,27 @@ def certify_robust(program: RobustProgram, x: FloatArray, dual: FloatArray) -> C
     along = np.maximum(0.0, 1.0 - (nu * direction).sum(axis=1))
     outer = 0.5 * h * np.square(nu - direction).sum(axis=1) + (u - h) * along
     inner = np.square(r - h * nu).sum(axis=1) / (2.0 * h) if h > 0.0 else np.zeros(len(r))
-    excess = _complementarity(slack, x, loss.cone, _NORMS_SLACK_ROUNDING)
+    excess = _compute_complementarity(slack, x, loss.cone, _NORMS_SLACK_ROUNDING)
     gap = float(np.where(beyond, outer, inner).sum() + excess)
     return Certificate(max(0.0, -loss.cone.least(x)), outside, gap, nu, "clarabel")
 
 
-def _feasible_dual(
+def _make_dual_feasible(
     cone: Cone, weight: float, rows: FloatArray, dual: FloatArray
 ) -> tuple[FloatArray, float, FloatArray]:
-    """Move multipliers ν of the residuals so that the slack ``s = p + Aᵀν`` is in the dual cone.
+    """Change multipliers ν of the residuals so that the slack ``s = p + Aᵀν`` is in the dual cone.
 
-    Least squares make the slacks of scalars without a penalty feasible, shrinking by ``λ / (λ + outside)``
-    those of the blocks, which a penalty λ > 0 allows.
+    A least-squares step makes the slacks of scalars without a penalty feasible; shrinking ν by
+    ``λ / (λ + outside)`` makes the slacks of blocks and penalised scalars feasible.
 
     Args:
-        cone: of the parameters.
-        weight: λ of the penalty p.
+        cone: cone of the parameters.
+        weight: λ > 0 of the penalty p.
         rows: A (m, p).
-        dual: ν (m,), or (K, 3) of norms, which are one at most; near a feasible one.
+        dual: nearly feasible ν, (m,) for squared residuals, or (K, 3) with norms of at most one.
 
     Returns:
-        ν of the same shape, how far the least penalised slack was outside over λ, and s (p,).
+        Feasible ν of the same shape, the violation of the dual cone before over λ, and the slack s (p,).
     """
     penalty, moved = cone.penalty(weight), dual.ravel()
     free = rows[:, : cone.free].T
@@ -304,36 +316,39 @@ def _feasible_dual(
     return shrink * nu, outside / weight, penalty + shrink * pull
 
 
-def _complementarity(slack: FloatArray, x: FloatArray, cone: Cone, rounding: float) -> float:
-    """Return ``sᵀx``; inf if the slack of a scalar without a penalty is negative beyond rounding."""
+def _compute_complementarity(slack: FloatArray, x: FloatArray, cone: Cone, rounding: float) -> float:
+    """Return ``sᵀx``; inf if the slack of a scalar without a penalty is negative beyond rounding.
+
+    Negative slacks within rounding are replaced by their absolute value, in place.
+    """
     free = slice(cone.free)
     if not (slack[free] >= -rounding).all():
         return float("inf")
-    slack[free] = np.abs(slack[free])  # rounding, whose share is its product with the scalar
+    slack[free] = np.abs(slack[free])  # counts rounding as positive slack, so the gap is not understated
     return max(0.0, float(slack @ x))
 
 
 def penalised_range(
     program: SemidefiniteProgram, x: FloatArray, rise: float, functions: FloatArray
 ) -> FloatArray:
-    """Return the least and the greatest value of linear functions where the objective is near its optimum.
+    """Return the ranges of linear functions over all points whose objective is near its optimum.
 
     ``min, max aᵀy subject to ‖R y − z‖² + pᵀy ≤ ‖R x − z‖² + pᵀx + rise``, y in the cone.
 
     Args:
-        program: the program.
-        x: (p,) its optimum.
-        rise: of the objective, positive.
-        functions: (K, p) a.
+        program: program with squared residuals.
+        x: (p,) optimum of the program.
+        rise: allowed increase of the objective, positive.
+        functions: (K, p) coefficients a of K functions.
 
     Returns:
-        (K, 2); NaN where an end is not found.
+        (K, 2) least and greatest values; NaN where Clarabel fails.
     """
     from jointstiff.solver.estimation import convex  # takes a second to import
 
     T, z = program.fit.compressed
     limit = float(np.square(T @ x - z).sum() + program.penalty @ x) + rise
-    stated = convex.penalised_end(T, z, program.penalty, limit, program.cone)
+    stated = convex.state_penalised_end(T, z, program.penalty, limit, program.cone)
     ends = np.full((len(functions), 2), np.nan)
     for number, side in np.ndindex(ends.shape):
         a = functions[number]
@@ -344,15 +359,15 @@ def penalised_range(
 
 
 def range_of_squares(squares: LeastSquares, functions: FloatArray, radius: float) -> FloatArray:
-    """Return the range of linear functions where ``‖R x − z‖²`` exceeds its least by a square at most.
+    """Return the ranges of linear functions over all x with ``‖R x − z‖² ≤ min + radius²``, without a cone.
 
     Args:
-        squares: of p parameters.
-        functions: (K, p).
-        radius: root of that excess.
+        squares: R and z, with p parameters.
+        functions: (K, p) coefficients of K functions.
+        radius: root of the allowed excess of the squares.
 
     Returns:
-        (K, 2); NaN where the squares leave a function open.
+        (K, 2) least and greatest values; NaN where the readings do not determine a function.
     """
     left, singular, right = np.linalg.svd(squares.R, full_matrices=False)
     seen = singular > _UNSEEN * singular[0]
@@ -365,17 +380,17 @@ def range_of_squares(squares: LeastSquares, functions: FloatArray, radius: float
 
 @dataclass(frozen=True, eq=False)
 class _BlockFace:
-    """Face of one block: X = U X_r Uᵀ with slack V S_s Vᵀ."""
+    """Face of one block: matrices X = U X_r Uᵀ of rank r, with slack V S_s Vᵀ."""
 
-    place: slice
-    U: FloatArray
-    V: FloatArray
-    core: FloatArray
-    slack: FloatArray
+    place: slice  # of the block in the parameters
+    U: FloatArray  # (size, r) range of X
+    V: FloatArray  # (size, size − r) null space of X
+    core: FloatArray  # (r, r) X_r
+    slack: FloatArray  # (size − r, size − r) S_s
 
     @cached_property
     def basis(self) -> FloatArray:
-        """(q, d) orthonormal tangent vectors: those of A, then those of B, row by row."""
+        """Orthonormal tangent vectors (q, d) of the face: changes A within U, then changes B across to V."""
         U, V = self.U, self.V
         within = [
             (np.outer(U[:, i], U[:, j]) + np.outer(U[:, j], U[:, i])) / (2.0 if i == j else np.sqrt(2.0))
@@ -387,8 +402,8 @@ class _BlockFace:
         size = len(U) * (len(U) + 1) // 2
         return to_vector(np.array(matrices)).T if matrices else np.zeros((size, 0))
 
-    def moved(self, step: FloatArray) -> FloatArray | None:
-        """Return the block after a step (d,), with the same rank; None if that leaves the cone."""
+    def take_step(self, step: FloatArray) -> FloatArray | None:
+        """Return the block as a vector after a tangent step (d,), of the same rank; None outside the cone."""
         if not len(self.core):
             return np.zeros(len(self.basis))
         tangent = to_matrix(self.basis @ step, len(self.U))
@@ -400,7 +415,7 @@ class _BlockFace:
 
 
 class Face:
-    """The face of a cone next to a point near the optimum: what exceeds its slack is not zero.
+    """Face of a cone near the optimum: scalars and eigenvalues that exceed their slack are taken as not zero.
 
     On a face the program is smooth. Matrices of rank r around ``X = U X_r Uᵀ`` are, to second order,
     ``X + U A Uᵀ + U B Vᵀ + V Bᵀ Uᵀ + V Bᵀ X_r⁻¹ B Vᵀ`` with any small symmetric A and any small B; the last
@@ -410,14 +425,16 @@ class Face:
     """
 
     x: FloatArray  #: (p,) point on the face
-    free: IndexArray  #: scalars that are not zero
-    blocks: tuple[tuple[_BlockFace, slice], ...]  #: faces of the blocks, and their tangent coordinates
+    free: IndexArray  #: indices of the scalars that are not zero
+    blocks: tuple[
+        tuple[_BlockFace, slice], ...
+    ]  #: face of each block, and the slice of its tangent coordinates
     basis: FloatArray  #: (p, d) tangent vectors: the free scalars', then those of the blocks
-    information: FloatArray  #: (d, d) what the readings say of the tangent vectors: 2 RᵀR
-    hessian: FloatArray  #: (d, d) of the objective on the face
+    information: FloatArray  #: (d, d) Gram matrix 2 RᵀR of the readings in tangent coordinates
+    hessian: FloatArray  #: (d, d) Hessian of the objective on the face
 
     def __init__(self, program: SemidefiniteProgram, x: FloatArray) -> None:
-        """Find which scalars are zero, and what rank each block has, at a feasible point (p,)."""
+        """Determine the face at a feasible point x (p,): zero scalars, and the rank of each block."""
         slack, cone = program.slack(x), program.cone
         self.free = free = np.flatnonzero(x[: cone.nonnegative] > slack[: cone.nonnegative])
         largest = max(_SMALL, float(np.abs(x[cone.nonnegative :]).max(initial=0.0)))
@@ -434,7 +451,7 @@ class Face:
         self._slack = program.slack(self.x)
         faces = []
         for place, U, V, values in split:
-            # The nearest positive semidefinite matrix: what a slack is at the optimum
+            # At the optimum the slack is positive semidefinite: take the nearest such matrix.
             own, vectors = np.linalg.eigh(V.T @ to_matrix(self._slack[place], len(U)) @ V)
             definite = (vectors * np.maximum(own, 0.0)) @ vectors.T
             faces.append(_BlockFace(place, U, V, np.diag(values), definite))
@@ -448,15 +465,15 @@ class Face:
         self.information = 2.0 * R.T @ R
         self.hessian = self.information.copy()
         for face, coordinates in self.blocks:
-            if rank := len(face.core):  # the slack bends the part of B
+            if rank := len(face.core):  # curvature by the slack, in the coordinates of B
                 across = slice(coordinates.start + rank * (rank + 1) // 2, coordinates.stop)
                 self.hessian[across, across] += np.kron(np.linalg.inv(face.core), face.slack)
         self.hessian[np.diag_indices_from(self.hessian)] += _RIDGE * self.hessian.diagonal().max(initial=0.0)
 
     def step(self) -> FloatArray | None:
-        """The point after a step of Newton's method; None if that leaves the face or does not exist.
+        """Return the point (p,) after one step of Newton's method; None if the step leaves the cone or fails.
 
-        The certificate of the outcome decides whether it is any better.
+        The point may be worse; its certificate decides.
         """
         try:
             step = np.asarray(np.linalg.solve(self.hessian, -(self.basis.T @ self._slack)), dtype=np.float64)
@@ -465,7 +482,7 @@ class Face:
         out = np.zeros(len(self.x))
         out[self.free] = self.x[self.free] + step[: len(self.free)]
         for face, coordinates in self.blocks:
-            moved = face.moved(step[coordinates])
+            moved = face.take_step(step[coordinates])
             if moved is None:
                 return None
             out[face.place] = moved
@@ -478,11 +495,12 @@ def effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> FloatArray
     ``Σ_k ∂(R x)_k / ∂z_k = tr(H⁻¹ 2 RᵀR)`` on the face of the optimum, H with the bend of the penalty.
 
     Args:
-        program: the program.
-        x: (p,) its optimum.
+        program: program with squared residuals.
+        x: (p,) optimum of the program.
 
     Returns:
-        (p,) the trace's share of each scalar, and of each block at its first parameter.
+        (p,) effective number of parameters by each scalar, and by each block at its first parameter; the sum
+        is the total.
     """
     face, freedom = Face(program, x), np.zeros(len(x))
     shares = np.diagonal(np.linalg.solve(face.hessian, face.information))
@@ -507,16 +525,15 @@ class Cones:
 
     @property
     def first(self) -> FloatArray:
-        """Return the indices (n,) of the blocks' c."""
+        """Indices (n,) of each block's compliance c in x."""
         sizes = [block.size for block in self.blocks]
         return np.cumsum([0, *sizes[:-1]])
 
     def least(self, s: FloatArray) -> float:
         """Return the least value of sᵀx over the set, zero or negative, in closed form.
 
-        A linear function s of a block is at least ``cap · min(0, s_c − h(s))`` there, h the support function
-        of the set at c = 1. So any residual gives a bound on an optimum, feasible or not, by arithmetic
-        alone.
+        For each block the least value is ``cap · min(0, s_c − h(s))``, h the support function of the block's
+        set at c = 1. So any residual gives a lower bound of an optimum, by arithmetic alone.
         """
         total = 0.0
         for start, block, cap in zip(self.first.tolist(), self.blocks, self.cap.tolist(), strict=True):
@@ -530,7 +547,7 @@ class Cones:
         return total
 
     def projected(self, x: FloatArray) -> FloatArray:
-        """Return a point of the set near x: what lies outside is drawn in, block by block."""
+        """Return a point of the set near x: entries outside the limits are moved to them, block by block."""
         x = x.copy()
         for start, block, cap in zip(self.first.tolist(), self.blocks, self.cap.tolist(), strict=True):
             c = x[start] = min(max(x[start], 0.0), cap)
@@ -545,21 +562,21 @@ class Cones:
 
 @dataclass(frozen=True, eq=False)
 class Weighed(ConeSolution):
-    """The optimum of `solve_weighed`, whose gap is the greatest excess of the loss, with ‖b‖ = 1."""
+    """Optimum of `solve_weighed`; the certificate's gap bounds the excess of the loss, with ‖b‖ = 1."""
 
-    loss: float  #: ‖A x − b‖²
+    loss: float  #: ‖A x − b‖² at the optimum
 
 
 def solve_weighed(A: FloatArray, b: FloatArray, cones: Cones) -> Weighed:
-    """Solve ``minimise ‖A x − b‖²`` over cones of products, and prove it.
+    """Solve ``minimise ‖A x − b‖²`` over cones of products by Clarabel, and certify the optimum.
 
-    Whatever x: ``‖A y − b‖² ≥ ‖A x − b‖² + 2 gᵀ(y − x)`` with g = Aᵀ(A x − b), so that the excess is at most
-    ``2 (gᵀx − min gᵀy)``.
+    For any x and y: ``‖A y − b‖² ≥ ‖A x − b‖² + 2 gᵀ(y − x)`` with g = Aᵀ(A x − b), so that the excess is at
+    most ``2 (gᵀx − min gᵀy)``.
 
     Args:
-        A: (rows, p).
-        b: (rows,), not zero.
-        cones: of x, in units in which it is about ‖b‖.
+        A: (rows, p) regressor.
+        b: (rows,) readings, not zero.
+        cones: set of x, in units in which x is about as large as ‖b‖.
 
     Raises:
         SolverError: no answer is certified.
@@ -567,9 +584,10 @@ def solve_weighed(A: FloatArray, b: FloatArray, cones: Cones) -> Weighed:
     from jointstiff.solver.estimation import convex  # takes a second to import
 
     size = float(np.linalg.norm(b)) or 1.0
-    program = convex.weighed(len(b), cones.blocks)
+    program = convex.state_weighed(len(b), cones.blocks)
 
-    def solutions() -> Iterator[Weighed]:
+    def propose_solutions() -> Iterator[Weighed]:
+        """Yield points with their certificates, tolerance by tolerance."""
         for tolerance in _WEIGHED_LADDER:
             point = program.solve({"A": A, "b": b / size, "cap": cones.cap / size}, tolerance)
             if point is not None:
@@ -581,21 +599,21 @@ def solve_weighed(A: FloatArray, b: FloatArray, cones: Cones) -> Weighed:
                 evidence = Certificate(0.0, outside, gap, residual / size, "clarabel")
                 yield Weighed(x, evidence, float(residual @ residual))
 
-    return _first_proven(solutions(), GAP, None)
+    return _select_certified(propose_solutions(), GAP, None)
 
 
 def weighed_ends(A: FloatArray, b: FloatArray, optimum: Weighed, rise: float, cones: Cones) -> FloatArray:
-    """Bound each block's c over the points of the set with ``‖A x − b‖² ≤ loss + rise``.
+    """Return bounds of each block's c over all points of the set with ``‖A x − b‖² ≤ loss + rise``.
 
-    For any u: ``aᵀy ≥ uᵀb − ‖u‖ + min (a − Aᵀu)ᵀy`` for all y with ‖A y − b‖ ≤ 1. Every point has a c of at
-    most the bounds found so far, which sharpens the others.
+    For any u: ``aᵀy ≥ uᵀb − ‖u‖ + min (a − Aᵀu)ᵀy`` for all y with ‖A y − b‖ ≤ 1. A second round uses the
+    upper bounds of the first as caps, which sharpens the bounds.
 
     Args:
-        A: (rows, p).
-        b: (rows,).
-        optimum: of `solve_weighed`.
-        rise: of the loss, positive.
-        cones: of x.
+        A: (rows, p) regressor.
+        b: (rows,) readings.
+        optimum: result of `solve_weighed` for the same A and b.
+        rise: allowed increase of the loss, positive.
+        cones: set of x.
 
     Returns:
         (n, 2) outer bounds on the least and greatest c; NaN where Clarabel has no answer.
@@ -603,7 +621,7 @@ def weighed_ends(A: FloatArray, b: FloatArray, optimum: Weighed, rise: float, co
     from jointstiff.solver.estimation import convex  # takes a second to import
 
     radius = max(float(np.sqrt(optimum.loss + rise)), _LEAST_RADIUS * float(np.linalg.norm(b)))
-    program = convex.weighed_end(len(b), cones.blocks)
+    program = convex.state_weighed_end(len(b), cones.blocks)
     data = {"A": A, "b": (b - A @ optimum.x) / radius, "near": optimum.x / radius, "cap": cones.cap / radius}
     bounds, duals = np.full((len(cones.cap), 2), np.nan), {}
     for j, side in np.ndindex(bounds.shape):
@@ -613,7 +631,7 @@ def weighed_ends(A: FloatArray, b: FloatArray, optimum: Weighed, rise: float, co
         if solution is not None:
             duals[j, side] = a, solution[1][1 : 1 + len(b)]
     cap = cones.cap
-    for _ in range(2):
+    for _ in range(2):  # the second round uses the caps that the first has lowered
         for (j, side), (a, u) in duals.items():
             least = u @ b - radius * float(np.linalg.norm(u)) + Cones(cones.blocks, cap).least(a - A.T @ u)
             bounds[j, side] = least if side == 0 else -least

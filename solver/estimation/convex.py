@@ -1,19 +1,20 @@
 """Convex programs of the project, stated in cvxpy and solved by Clarabel; docs/method.md has the formulas.
 
-    least_squares    minimise ‖A x − b‖²                             identification (§5)
-    huber            minimise Σ_i ρ(‖d_i − A_i x‖) + ½ ‖S x − t‖²    identification with Huber's loss (§5)
-    semidefinite     minimise ‖T y − z‖² + pᵀy                       elastic links (§7)
-    sum_of_norms     minimise Σ_i ρ(‖A_i x − d_i‖) + pᵀx             elastic links, robust losses (§7)
-    penalised_end    minimise aᵀx subject to ‖T x − z‖² + pᵀx ≤ J    effective compliance's interval (§7)
-    weighed          minimise ‖A x − b‖²                             stiffness without a load (§14)
-    weighed_end      minimise aᵀx subject to ‖A x − b‖ ≤ 1           end of an interval without a load (§14)
-    worst_direction  maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0             E-optimal design (§10)
+    solve_least_squares  minimise ‖A x − b‖²                            identification (§5)
+    solve_huber          minimise Σ_i ρ(‖d_i − A_i x‖) + ½ ‖S x − t‖²   identification with Huber's loss (§5)
+    state_semidefinite   minimise ‖T y − z‖² + pᵀy                      elastic links (§7)
+    state_sum_of_norms   minimise Σ_i ρ(‖A_i x − d_i‖) + pᵀx            elastic links, robust losses (§7)
+    state_penalised_end  minimise aᵀx subject to ‖T x − z‖² + pᵀx ≤ J   effective compliance's interval (§7)
+    state_weighed        minimise ‖A x − b‖²                            stiffness without a load (§14)
+    state_weighed_end    minimise aᵀx subject to ‖A x − b‖ ≤ 1          interval without a load (§14)
+    worst_direction      maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0            E-optimal design (§10)
 
 The first two are subject to lower ≤ x ≤ upper and B x ≥ d, the next three to x_j ≥ 0 and Mat(x_b) ⪰ 0,
 with x = near + y in the first of them, the next two to the cones of `conic.Cones`, and the last one to
 M(w) = M0 + Σ w_i K_i, Σ w = 1 and w ≥ 0. Variables are equilibrated. A program is compiled once for a
-shape, its data being parameters. `huber`, `sum_of_norms`, `penalised_end` and designs are stated with their
-data, as that compiles faster. Ends of joints' intervals are found in batches, by `estimation.estimate`.
+shape, its data being parameters. `solve_huber`, `state_sum_of_norms`, `state_penalised_end` and designs are
+stated with their data, as that compiles faster. Ends of joints' intervals are found in batches, by
+`estimation.estimate`.
 
 The points returned are near an optimum, to Clarabel's tolerance: callers polish them, and certify the outcome
 from the data. cvxpy takes a second to import: this module is imported where a program is needed first.
@@ -70,8 +71,8 @@ class Program:
 
         Args:
             objective: quadratic or linear, without parameters in the quadratic part.
-            constraints: cones.
-            x: the variable to be solved for.
+            constraints: membership in cones, linear in the variables.
+            x: the variable whose optimum `solve` returns.
         """
         problem = cp.Problem(objective, list(constraints))
         for parameter in problem.parameters():
@@ -92,18 +93,21 @@ class Program:
         self._x = slice(start, start + x.size)
 
     def solve(self, data: Mapping[str, FloatArray], *tolerances: float) -> FloatArray | None:
-        """Return the point that `solve_with_duals` finds, or None."""
+        """Return the optimum of x that `solve_with_duals` finds; None if Clarabel reaches no tolerance."""
         answer = self.solve_with_duals(data, *tolerances)
         return None if answer is None else answer[0]
 
     def solve_with_duals(
         self, data: Mapping[str, FloatArray], *tolerances: float
     ) -> tuple[FloatArray, FloatArray] | None:
-        """Solve by Clarabel to the first of some tolerances that it reaches.
+        """Solve by Clarabel; try the tolerances in turn until Clarabel reports `Solved`.
+
+        Args:
+            data: value of each parameter, by the parameter's name.
+            tolerances: of gap and feasibility, in the order in which they are tried.
 
         Returns:
-            The point, and the multipliers of the second-order cones; None for any status but `Solved`,
-            whatever values it left behind.
+            The optimum of x, and the multipliers of the second-order cones; None if no tolerance is reached.
         """
         settings = clarabel.DefaultSettings()
         for name, value in SETTINGS.items():
@@ -119,7 +123,7 @@ class Program:
         return None
 
     def _cone_data(self, data: Mapping[str, FloatArray]) -> tuple[FloatArray, csc_array, FloatArray]:
-        """Return q, A and b for values of the parameters; whatever else the data hold is left."""
+        """Return q, A and b of the cone program for values of the parameters; ignore other entries."""
         if self._maps is None:
             return self._q, self._A, self._b
         to_q, to_Ab, (indices, indptr, (m, columns)) = self._maps
@@ -134,21 +138,24 @@ class Program:
         return (to_q @ values)[:-1], A, b
 
 
-def least_squares(scaled: Scaled) -> FloatArray | None:
-    """Solve ``minimise ‖A x − b‖² subject to lower ≤ x ≤ upper, B x ≥ d``; (n,) x, or None."""
-    return _least_squares(*_shape(scaled)).solve(_data(scaled), TOLERANCE)
+def solve_least_squares(scaled: Scaled) -> FloatArray | None:
+    """Return x (n,) of ``minimise ‖A x − b‖² subject to lower ≤ x ≤ upper, B x ≥ d``; None if not solved."""
+    return _state_least_squares(*_find_shape(scaled)).solve(_collect_data(scaled), TOLERANCE)
 
 
 @lru_cache(maxsize=128)
-def _least_squares(rows: int, columns: int, below: _Places, above: _Places, inequalities: int) -> Program:
+def _state_least_squares(
+    rows: int, columns: int, below: _Places, above: _Places, inequalities: int
+) -> Program:
+    """Compile the program of `solve_least_squares` for a shape, as `_find_shape` returns it."""
     with COMPILING:
         x, r = cp.Variable(columns), cp.Variable(rows)
         A, b = cp.Parameter((rows, columns), name="A"), cp.Parameter(rows, name="b")
-        constraints = [r == A @ x - b, *_constraints(x, below, above, inequalities)]
+        constraints = [r == A @ x - b, *_state_constraints(x, below, above, inequalities)]
         return Program(cp.Minimize(cp.sum_squares(r)), constraints, x)
 
 
-def huber(
+def solve_huber(
     A: FloatArray, d: FloatArray, S: FloatArray, t: FloatArray, squared: IdentificationProblem
 ) -> FloatArray | None:
     """Solve ``minimise Σ_i ρ(‖d_i − A_i c‖) + ½ ‖S c − t‖²`` under the constraints.
@@ -156,14 +163,14 @@ def huber(
     ρ(u) is u²/2 up to 1, and u − ½ beyond (Huber 1964, on norms, so that no frame is preferred).
 
     Args:
-        A: (K, 3, n) rows of K targets, in units of the threshold.
-        d: (K, 3).
-        S: (q, n) rows whose loss stays squared.
-        t: (q,).
-        squared: the same problem with the squared loss; its constraints hold, its columns scale.
+        A: (K, 3, n) regressor of K targets, in units of the threshold.
+        d: (K, 3) deflections of the targets, in units of the threshold.
+        S: (q, n) regressor of the rows whose loss stays squared.
+        t: (q,) readings of these rows.
+        squared: least-squares problem with the same rows: gives the constraints and the scaling of columns.
 
     Returns:
-        (n,) compliances [rad/(N·m)] to Clarabel's tolerance, or None.
+        (n,) compliances [rad/(N·m)] to Clarabel's tolerance; None if Clarabel fails.
     """
     scaled = Scaled.of(squared)
     n = len(scaled.unit)
@@ -172,48 +179,48 @@ def huber(
         residuals = d.ravel() - (A * scaled.unit).reshape(-1, n) @ x
         norms = cp.norm(cp.reshape(residuals, d.shape, order="C"), axis=1)
         loss = 0.5 * cp.sum(cp.huber(norms, 1.0)) + 0.5 * cp.sum_squares((S * scaled.unit) @ x - t)
-        _, _, below, above, inequalities = _shape(scaled)
-        program = Program(cp.Minimize(loss), _constraints(x, below, above, inequalities), x)
-    point = program.solve(_data(scaled), TOLERANCE)
+        _, _, below, above, inequalities = _find_shape(scaled)
+        program = Program(cp.Minimize(loss), _state_constraints(x, below, above, inequalities), x)
+    point = program.solve(_collect_data(scaled), TOLERANCE)
     return None if point is None else scaled.bounds.snap(point) * scaled.unit
 
 
-@lru_cache(maxsize=8)  # one of 264 parameters takes 15 MB
-def semidefinite(rows: int, cone: Cone) -> Program:
+@lru_cache(maxsize=8)  # a program of 264 parameters takes 15 MB
+def state_semidefinite(rows: int, cone: Cone) -> Program:
     """State ``minimise ‖T y − z‖² + pᵀy subject to near_j + y_j ≥ 0, Mat(near_b + y_b) ⪰ 0``.
 
     With the residual as a variable of its own the Gram matrix, whose condition is the square of the
     regressor's, is never formed.
 
     Args:
-        rows: of T.
-        cone: of near + y, m parameters.
+        rows: number of rows of T.
+        cone: cone in which near + y lies, with m parameters.
 
     Returns:
-        The program; its parameters are T (rows, m), z (rows,), p (m,) and near (m,).
+        The compiled program; its parameters are T (rows, m), z (rows,), p (m,) and near (m,).
     """
     with COMPILING:
         m = cone.dimension
         y, r = cp.Variable(m), cp.Variable(rows)
         T, z = cp.Parameter((rows, m), name="T"), cp.Parameter(rows, name="z")
         p, near = cp.Parameter(m, name="p"), cp.Parameter(m, name="near")
-        constraints = [r == T @ y - z, *_semidefinite(near + y, cone)]
+        constraints = [r == T @ y - z, *_state_cone(near + y, cone)]
         return Program(cp.Minimize(cp.sum_squares(r) + p @ y), constraints, y)
 
 
-def sum_of_norms(A: FloatArray, d: FloatArray, cone: Cone) -> Program:
+def state_sum_of_norms(A: FloatArray, d: FloatArray, cone: Cone) -> Program:
     """State ``minimise Σ_i ρ(‖A_i x − d_i‖) + pᵀx subject to x_j ≥ 0, Mat(x_b) ⪰ 0``.
 
     ρ(u) is u²/(2h) up to h and u − h/2 beyond (Huber's), as ``min_s ‖s‖²/(2h) + ‖A_i x − d_i − s‖``: one
     second-order cone a target. With h = 0 it is u, the sum of the norms.
 
     Args:
-        A: (K, 3, m) of K targets.
-        d: (K, 3).
-        cone: of x.
+        A: (K, 3, m) regressor of K targets.
+        d: (K, 3) deflections of the targets.
+        cone: cone in which x lies.
 
     Returns:
-        The program; its parameters are p (m,) and root (1,), the square root of h.
+        The compiled program; its parameters are p (m,) and root (1,), the square root of h.
     """
     with COMPILING:
         K, _, m = A.shape
@@ -222,61 +229,65 @@ def sum_of_norms(A: FloatArray, d: FloatArray, cone: Cone) -> Program:
         residual = A.reshape(-1, m) @ x - d.ravel() - root[0] * s
         norms = cp.SOC(t, cp.reshape(residual, (K, 3), order="C"), axis=1)
         loss = cp.sum(t) + 0.5 * cp.sum_squares(s)
-        return Program(cp.Minimize(loss + p @ x), [norms, *_semidefinite(x, cone)], x)
+        return Program(cp.Minimize(loss + p @ x), [norms, *_state_cone(x, cone)], x)
 
 
-def penalised_end(T: FloatArray, z: FloatArray, p: FloatArray, limit: float, cone: Cone) -> Program:
+def state_penalised_end(T: FloatArray, z: FloatArray, p: FloatArray, limit: float, cone: Cone) -> Program:
     """State ``minimise aᵀx subject to ‖T x − z‖² + pᵀx ≤ J, x_j ≥ 0, Mat(x_b) ⪰ 0``.
 
     Args:
-        T: (k, m).
-        z: (k,).
-        p: (m,).
-        limit: J > 0.
-        cone: of x.
+        T: (k, m) compressed regressor.
+        z: (k,) compressed readings.
+        p: (m,) gradient of the penalty.
+        limit: J > 0, the greatest value of the objective.
+        cone: cone in which x lies.
 
     Returns:
-        The program; its parameter is a (m,).
+        The compiled program; its parameter is a (m,).
     """
     with COMPILING:
         x, a = cp.Variable(T.shape[1]), cp.Parameter(T.shape[1], name="a")
         left = 1.0 - (p / limit) @ x  # ‖u‖² ≤ v as ‖(2u, 1 − v)‖ ≤ 1 + v
         norm = cp.hstack([(2.0 / np.sqrt(limit)) * (T @ x - z), cp.reshape(1.0 - left, (1,), order="C")])
         near = cp.SOC(1.0 + left, norm)
-        return Program(cp.Minimize(a @ x), [near, *_semidefinite(x, cone)], x)
+        return Program(cp.Minimize(a @ x), [near, *_state_cone(x, cone)], x)
 
 
 @lru_cache(maxsize=32)
-def weighed(rows: int, blocks: tuple[Block, ...]) -> Program:
-    """State ``minimise ‖A x − b‖² subject to x in the cones of the blocks, x ≤ cap`` (see `conic.Cones`).
+def state_weighed(rows: int, blocks: tuple[Block, ...]) -> Program:
+    """State ``minimise ‖A x − b‖² subject to x in the cones of the blocks, c ≤ cap`` (see `conic.Cones`).
+
+    Args:
+        rows: number of rows of A.
+        blocks: layout of x, one block for each joint.
 
     Returns:
-        The program; its parameters are A, b (rows,) and cap, one for each block.
+        The compiled program; its parameters are A (rows, p), b (rows,) and cap, one entry for each block.
     """
     with COMPILING:
         p = sum(block.size for block in blocks)
         x, r = cp.Variable(p), cp.Variable(rows)
         A, b = cp.Parameter((rows, p), name="A"), cp.Parameter(rows, name="b")
-        return Program(cp.Minimize(cp.sum_squares(r)), [r == A @ x - b, *_perspectives(x, blocks)], x)
+        return Program(cp.Minimize(cp.sum_squares(r)), [r == A @ x - b, *_state_block_cones(x, blocks)], x)
 
 
 @lru_cache(maxsize=32)
-def weighed_end(rows: int, blocks: tuple[Block, ...]) -> Program:
-    """State ``minimise aᵀy subject to ‖A y − b‖ ≤ 1``, near + y as x for `weighed`.
+def state_weighed_end(rows: int, blocks: tuple[Block, ...]) -> Program:
+    """State ``minimise aᵀy subject to ‖A y − b‖ ≤ 1``, with near + y in the set of `state_weighed`.
 
-    About the optimum, in units of the ball's radius, the program is scaled, which Clarabel asks for. The ball
-    is the first of its cones.
+    `near` is the optimum and the unit is the ball's radius, because Clarabel needs a well-scaled program.
+    The ball is the first of the program's second-order cones.
     """
     with COMPILING:
         p = sum(block.size for block in blocks)
         y, a, near = cp.Variable(p), cp.Parameter(p, name="a"), cp.Parameter(p, name="near")
         A, b = cp.Parameter((rows, p), name="A"), cp.Parameter(rows, name="b")
         ball = cp.SOC(cp.Constant(1.0), A @ y - b)
-        return Program(cp.Minimize(a @ y), [ball, *_perspectives(near + y, blocks)], y)
+        return Program(cp.Minimize(a @ y), [ball, *_state_block_cones(near + y, blocks)], y)
 
 
-def _perspectives(x: cp.Expression, blocks: tuple[Block, ...]) -> list[cp.Constraint]:
-    """Return ``0 ≤ c ≤ cap``, ``|ζ_k| ≤ c`` and ``‖ν‖ ≤ c + ratio ζ_own`` for each block (c, ζ, ν)."""
+def _state_block_cones(x: cp.Expression, blocks: tuple[Block, ...]) -> list[cp.Constraint]:
+    """Return constraints of each block (c, ζ, ν): ``0 ≤ c ≤ cap, |ζ_k| ≤ c, ‖ν‖ ≤ c + ratio ζ_own``."""
     cap = cp.Parameter(len(blocks), name="cap")
     constraints, start = [], 0
     for number, block in enumerate(blocks):
@@ -292,8 +303,8 @@ def _perspectives(x: cp.Expression, blocks: tuple[Block, ...]) -> list[cp.Constr
     return constraints
 
 
-def _semidefinite(x: cp.Expression, cone: Cone) -> list[cp.Constraint]:
-    """Return x_j ≥ 0 for the first parameters, and Mat(x_b) ⪰ 0 for the blocks behind them."""
+def _state_cone(x: cp.Expression, cone: Cone) -> list[cp.Constraint]:
+    """Return the constraints of a cone: x_j ≥ 0 for the scalars, and Mat(x_b) ⪰ 0 for the blocks."""
     constraints = [x[: cone.nonnegative] >= 0] if cone.nonnegative else []
     for size, place in cone.blocks():
         entries = place.stop - place.start
@@ -307,14 +318,17 @@ _Places = tuple[int, ...]
 """Indices of the parameters that have a bound."""
 
 
-def _shape(scaled: Scaled) -> tuple[int, int, _Places, _Places, int]:
-    """Return all that a program is compiled for: sizes, and which parameters have bounds."""
+def _find_shape(scaled: Scaled) -> tuple[int, int, _Places, _Places, int]:
+    """Return rows, columns, places of the lower and of the upper bounds, and the number of inequalities."""
     bounds = scaled.bounds
     below, above = (np.flatnonzero(np.isfinite(bound)).tolist() for bound in (bounds.lower, bounds.upper))
     return *scaled.A.shape, tuple(below), tuple(above), len(scaled.d)
 
 
-def _constraints(x: cp.Variable, below: _Places, above: _Places, inequalities: int) -> list[cp.Constraint]:
+def _state_constraints(
+    x: cp.Variable, below: _Places, above: _Places, inequalities: int
+) -> list[cp.Constraint]:
+    """Return bounds of x at the given places and inequalities B x ≥ d, their numbers being parameters."""
     constraints = []
     if below:
         constraints.append(x[list(below)] >= cp.Parameter(len(below), name="lower"))
@@ -326,26 +340,28 @@ def _constraints(x: cp.Variable, below: _Places, above: _Places, inequalities: i
     return constraints
 
 
-def _data(scaled: Scaled) -> dict[str, FloatArray]:
+def _collect_data(scaled: Scaled) -> dict[str, FloatArray]:
+    """Return the values of a program's parameters, by their names."""
     lower, upper = (bound[np.isfinite(bound)] for bound in (scaled.bounds.lower, scaled.bounds.upper))
     return {"A": scaled.A, "b": scaled.b, "lower": lower, "upper": upper, "B": scaled.B, "d": scaled.d}
 
 
 def worst_direction(base: FloatArray, K: FloatArray, metric: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Solve ``maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0``: the best design for the worst combination.
+    """Solve ``maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0``, the E-optimal design.
 
-    t is the least eigenvalue of V C V, C the information on the first s parameters.
+    t is the least eigenvalue of V C V, with C the information on the first s parameters: the design is best
+    for the combination of parameters that it determines worst.
 
     Args:
-        base: M0 (p, p).
-        K: (k, p, p).
-        metric: V (s,).
+        base: M0 (p, p) information that is there before the design.
+        K: (k, p, p) information K_i of each candidate.
+        metric: V (s,) units of the first s parameters.
 
     Returns:
-        Weights (k,) and Z (s, s), the dual variable.
+        The weights w (k,) of the candidates, and the dual variable Z (s, s).
 
     Raises:
-        SolverError: Clarabel does not solve it.
+        SolverError: Clarabel does not solve the program.
     """
     s, p = len(metric), len(base)
     E = np.zeros(base.shape)
@@ -358,7 +374,7 @@ def worst_direction(base: FloatArray, K: FloatArray, metric: FloatArray) -> tupl
         for tolerance in _DESIGN_TOLERANCES:
             settings = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), tolerance)
             with suppress(cp.SolverError), warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # the status says the same
+                warnings.simplefilter("ignore")  # the status is checked below
                 problem.solve(solver=cp.CLARABEL, max_threads=1, **settings)
             if problem.status == cp.OPTIMAL:
                 break

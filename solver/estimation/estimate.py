@@ -46,7 +46,7 @@ from jointstiff.solver.estimation.method import MethodTriangles
 from jointstiff.solver.estimation.observability import (
     Identifiability,
     Observability,
-    noise_reason,
+    explain_noise,
     observability_indices,
 )
 from jointstiff.solver.estimation.problem import Bounds, Constraints, IdentificationProblem, Inequalities
@@ -57,17 +57,18 @@ from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import rounded_down, stiffness_text
 
 RADIUS_TOLERANCE = 1e-11
-"""Largest relative deviation of an end's squared distance from ρ² that counts as rounding."""
+"""Largest relative deviation of an interval end's squared distance from ρ² that is rounding."""
 
 MOST_ROUNDS = 100
 """Maximum rounds of the search for an end of an interval."""
 _POINT = 1e-9
-"""Relative radius of a ball that counts as a point, as of one-sided bounds at 50 %."""
+"""Radius of a ball, relative to the largest, that counts as zero, as for one-sided bounds at 50 %."""
 _NO_DIRECTION = 1e-13
+"""Relative singular value that counts as zero."""
 _AT_BOUND = 1e-9
-"""Distance from its own bound, in units of the ball's radius, at which a joint counts as at it."""
+"""Distance from a joint to its own bound, in units of the ball's radius, that counts as zero."""
 _STANDS_STILL = 1e-13
-"""Movement of a joint on a face, relative to that without constraints, that counts as rounding."""
+"""Movement of a joint on a face, relative to the movement without constraints, that is rounding."""
 _VIOLATION = 1e-9
 """Tolerance of an inequality, in units of the ball's radius."""
 _NOT_CERTIFIED = "an end of a confidence interval could not be certified"
@@ -82,22 +83,20 @@ def interval_ends(
     *,
     by_profile: bool = True,
 ) -> FloatArray:
-    """Return the ends of intervals of linear functions aᵀc: profiles, widened to cover what they should.
+    """Return confidence intervals of linear functions aᵀc: profile-likelihood intervals, widened.
 
-    A profile-likelihood interval takes the constraints on the other joints for information, and where they
-    truly are at their bounds it covers too little: 86 % instead of 95 % were seen with two rigid joints.
-    So it is widened to contain what the constraints leave of the unconstrained interval, whose coverage is
-    exact wherever the truth lies; that is where the profile ends anyway if no constraint matters. It is
-    widened, too, to contain the estimate: that of a method that is not maximum likelihood, such as the
-    decoupled one, may lie outside its own interval under constraints.
+    A profile interval uses the constraints on the other joints as information; where joints truly are at
+    their bounds it covers too little (86 % instead of 95 % with two rigid joints). So it is widened to
+    contain the unconstrained interval cut at the constraints, whose coverage is exact. It is also widened to
+    contain the estimate, which can lie outside for a method that is not maximum likelihood.
 
     Args:
         likelihood: of p compliances.
-        constraints: on the same p.
+        constraints: on the same p compliances.
         rows: (w, p) functions a, none zero; each determined by the readings.
         radii: (q,) √Δ in units of ‖R c‖, one for each kind of interval.
-        value: (w,) the estimate, in the unit of aᵀc.
-        by_profile: whether the profile takes part; what the constraints leave covers by itself.
+        value: (w,) estimates of the functions, in the unit of aᵀc.
+        by_profile: whether to include the profile interval; the cut interval alone has enough coverage.
 
     Returns:
         (q, w, 2) lower and upper ends, in the unit of aᵀc.
@@ -106,12 +105,12 @@ def interval_ends(
         SolverError: if an end could not be certified.
     """
     half = radii[:, None] * np.sqrt(((rows @ likelihood.covariance) * rows).sum(axis=1))
-    box = range_on_box(rows, constraints.bounds)
+    box = compute_range_on_box(rows, constraints.bounds)
     centre = (rows @ likelihood.centre)[:, None]
-    held = np.clip(centre + np.stack([-half, half], axis=-1), box[:, :1], box[:, 1:])
-    ends = profile_ends(likelihood, constraints, rows, radii) if by_profile else held
-    lower = np.minimum(np.minimum(ends[..., 0], held[..., 0]), value)
-    upper = np.maximum(np.maximum(ends[..., 1], held[..., 1]), value)
+    clipped = np.clip(centre + np.stack([-half, half], axis=-1), box[:, :1], box[:, 1:])
+    ends = profile_ends(likelihood, constraints, rows, radii) if by_profile else clipped
+    lower = np.minimum(np.minimum(ends[..., 0], clipped[..., 0]), value)
+    upper = np.maximum(np.maximum(ends[..., 1], clipped[..., 1]), value)
     return np.stack([lower, upper], axis=-1)
 
 
@@ -122,7 +121,7 @@ def profile_ends(
 
     Args:
         likelihood: of p compliances.
-        constraints: on the same p.
+        constraints: on the same p compliances.
         rows: (w, p) functions a, none zero; each determined by the readings.
         radii: (q,) √Δ in units of ‖R c‖, one for each kind of interval.
 
@@ -132,10 +131,10 @@ def profile_ends(
     Raises:
         SolverError: if an end could not be certified.
     """
-    move = np.zeros(len(likelihood.centre))  # to the constrained optimum, argmin ‖R (c − ĉ)‖²
-    if not constraints.hold(likelihood.centre):
+    move = np.zeros(len(likelihood.centre))  # from ĉ to the constrained optimum, argmin ‖R (c − ĉ)‖²
+    if not constraints.are_satisfied_by(likelihood.centre):
         ball = _Ball(likelihood, constraints, float(radii.max()))
-        move = ball.optimum(np.zeros(len(ball.A)))[0] * ball.unit
+        move = ball.find_optimum(np.zeros(len(ball.A)))[0] * ball.unit
     distance = likelihood.rows @ move
     radius = np.sqrt(radii**2 + distance @ distance)
     signed = radius[:, None, None] * np.array([-1.0, 1.0])
@@ -143,33 +142,34 @@ def profile_ends(
     deviation = np.sqrt((covariance * rows).sum(axis=1))
     ends: FloatArray = (rows @ likelihood.centre)[:, None] + signed * deviation[:, None]
     reach = signed[..., None] * (covariance / deviation[:, None])[:, None]  # (q, w, 2, p)
-    bent = ~constraints.hold(likelihood.centre + reach)
+    # Ends of the free ball that violate a constraint are replaced by those on the constrained part.
+    violated = ~constraints.are_satisfied_by(likelihood.centre + reach)
     point = radii <= _POINT * radii.max()
     nearest = np.clip(likelihood.centre + move, constraints.bounds.lower, constraints.bounds.upper)
-    ends[point], bent[point] = (rows @ nearest)[:, None], False
-    if bent.any():
-        kind, which, side = np.nonzero(bent)
+    ends[point], violated[point] = (rows @ nearest)[:, None], False
+    if violated.any():
+        kind, which, side = np.nonzero(violated)
         ball, a = _Ball(likelihood, constraints, float(radius.max())), rows[which]
         objective = np.where(side == 1, -1.0, 1.0)[:, None] * a * ball.unit
         objective /= np.linalg.norm(objective, axis=1, keepdims=True)
-        x, at_bound = ball.march(objective, (radius[kind] / radius.max()) ** 2)
-        box = range_on_box(a, constraints.bounds)
+        x, at_bound = ball.find_ends(objective, (radius[kind] / radius.max()) ** 2)
+        box = compute_range_on_box(a, constraints.bounds)
         value = a @ likelihood.centre + (a * ball.unit * x).sum(axis=1)
         value = np.clip(value, box[:, 0], box[:, 1])
-        ends[bent] = np.where(at_bound, box[np.arange(len(a)), side], value)
+        ends[violated] = np.where(at_bound, box[np.arange(len(a)), side], value)
     return ends
 
 
-def range_on_box(rows: FloatArray, bounds: Bounds) -> FloatArray:
+def compute_range_on_box(rows: FloatArray, bounds: Bounds) -> FloatArray:
     """Return the least and greatest values (w, 2) of linear functions (w, p) within bounds."""
     with np.errstate(invalid="ignore"):
-        at = np.stack([rows * bounds.lower, rows * bounds.upper])
-    at = np.where(rows == 0.0, 0.0, at)
-    return np.stack([at.min(axis=0).sum(axis=1), at.max(axis=0).sum(axis=1)], axis=-1)
+        at_bounds = np.stack([rows * bounds.lower, rows * bounds.upper])
+    at_bounds = np.where(rows == 0.0, 0.0, at_bounds)  # zero times an infinite bound is NaN
+    return np.stack([at_bounds.min(axis=0).sum(axis=1), at_bounds.max(axis=0).sum(axis=1)], axis=-1)
 
 
 class _Ball:
-    """The likelihood about its centre in equilibrated variables x, ``‖A x‖²``, with the constraints."""
+    """Likelihood around its centre in equilibrated variables x, as ``‖A x‖²``, with the constraints."""
 
     def __init__(self, likelihood: Likelihood, constraints: Constraints, scale: float) -> None:
         rows, centre = likelihood.rows, likelihood.centre
@@ -188,11 +188,15 @@ class _Ball:
                 scaled / size[:, None], (order.least - order.matrix @ centre) / size
             )
 
-    def optimum(self, rhs: FloatArray) -> tuple[FloatArray, BoolArray, FloatArray]:
-        """The point x that minimises ‖A x − rhs‖².
+    def find_optimum(self, rhs: FloatArray) -> tuple[FloatArray, BoolArray, FloatArray]:
+        """Minimise ‖A x − rhs‖² under the constraints.
 
         Returns:
-            (p,) x; (p,) the variables at a bound; (t, p) the rows of the inequalities that are tight.
+            The optimum x (p,), which variables are at a bound (p,), and the rows (t, p) of the inequalities
+            that hold with equality.
+
+        Raises:
+            SolverError: no certified optimum.
         """
         solution = solve_step(IdentificationProblem(self.A, rhs, self.bounds, self.inequalities))
         tight = np.zeros((0, self.A.shape[1]))
@@ -203,11 +207,15 @@ class _Ball:
                 raise SolverError(_NOT_CERTIFIED)
         return solution.compliance, solution.active != 0, tight
 
-    def march(self, objective: FloatArray, radius2: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Find the points that minimise objectives (K, p) within ‖A x‖² ≤ radius2 (K,) and the constraints.
+    def find_ends(self, objective: FloatArray, radius2: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Minimise objectives (K, p) under ‖A x‖² ≤ radius2 (K,) and the constraints: ends of intervals.
+
+        For each objective, Newton's method finds the s at which the optimum of the quadratic program (see the
+        module) reaches the sphere.
 
         Returns:
-            (K, p) points, and (K,) whether the objective came to its least value on the box inside the ball.
+            The points (K, p), and whether (K,) the objective reached its least value within the bounds
+            already inside the ball.
         """
         count = len(objective)
         pull = np.asarray(np.linalg.lstsq(self.A.T, objective.T, rcond=_NO_DIRECTION)[0].T, np.float64)  # h
@@ -215,17 +223,17 @@ class _Ball:
         s = np.sqrt(radius2 / free_slope)
         low, high = np.zeros(count), np.full(count, np.inf)
         points, at_bound = np.zeros(objective.shape), np.zeros(count, dtype=np.bool_)
-        own = range_on_box(objective, self.bounds)[:, 0]
+        least_in_box = compute_range_on_box(objective, self.bounds)[:, 0]
         pending = np.arange(count)
         for _ in range(MOST_ROUNDS):
-            x, step = self.optima(s[pending], objective[pending], pull[pending])
+            x, step = self.find_optima(s[pending], objective[pending], pull[pending])
             reached = np.square(x @ self.A.T).sum(axis=1)
             slope = (objective[pending] * step).sum(axis=1)
             slope = np.where(slope > _STANDS_STILL * free_slope[pending], slope, 0.0)
-            beyond_own = (objective[pending] * x).sum(axis=1) - own[pending]
-            at_own = beyond_own <= _AT_BOUND * np.maximum(1.0, np.abs(x).max(axis=1))
+            above_least = (objective[pending] * x).sum(axis=1) - least_in_box[pending]
+            at_least = above_least <= _AT_BOUND * np.maximum(1.0, np.abs(x).max(axis=1))
             goal = radius2[pending]
-            inside = at_own & (reached <= goal * (1 + RADIUS_TOLERANCE))
+            inside = at_least & (reached <= goal * (1 + RADIUS_TOLERANCE))
             done = inside | (np.abs(reached - goal) <= RADIUS_TOLERANCE * goal)
             points[pending[done]], at_bound[pending[done]] = x[done], inside[done]
             least = low[pending] = np.where(reached < goal, s[pending], low[pending])
@@ -241,8 +249,10 @@ class _Ball:
                 return points, at_bound
         raise SolverError(_NOT_CERTIFIED)
 
-    def optima(self, s: FloatArray, objective: FloatArray, pull: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return optima (K, p) of the quadratic programs, and −dx/ds (K, p) on the face of each."""
+    def find_optima(
+        self, s: FloatArray, objective: FloatArray, pull: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the optima x (K, p) of the quadratic programs at s (K,), and −dx/ds (K, p) on their face."""
         x, step = np.zeros(objective.shape), np.zeros(objective.shape)
         pending = np.ones(len(s), dtype=np.bool_)
         if self.inequalities is None:
@@ -256,7 +266,7 @@ class _Ball:
             slopes = np.where(free, objective[settled], 0.0)[..., None]
             step[settled] = np.linalg.solve(matrices, slopes)[..., 0]
         for k in np.flatnonzero(pending):
-            x[k], held, tight = self.optimum(-s[k] * pull[k])
+            x[k], held, tight = self.find_optimum(-s[k] * pull[k])
             rows = np.vstack([np.eye(len(held))[held], tight])
             along = np.eye(len(held))  # directions of the face; A may lack rank
             if len(rows):
@@ -269,7 +279,7 @@ class _Ball:
 
 
 def stiffness_of(compliance: float | None) -> float | None:
-    """Return 1 / c; None for a rigid joint and where the inverse overflows."""
+    """Return the stiffness 1 / c; None for a rigid joint (c = 0 or None) and where the inverse overflows."""
     if not compliance:
         return None
     stiffness = 1.0 / float(compliance)
@@ -277,10 +287,10 @@ def stiffness_of(compliance: float | None) -> float | None:
 
 
 def stiffness_interval(interval: tuple[float, float] | None) -> tuple[float, float | None] | None:
-    """Return [1/c_hi, 1/c_lo], open above (None) where the compliance reaches zero.
+    """Return the interval of the stiffness, [1/c_hi, 1/c_lo], from that of the compliance [c_lo, c_hi].
 
-    An interval of compliances that are all negative, or that spans zero downwards, is no interval of
-    stiffness: it has no least stiffness.
+    The upper end is None where the compliance may be zero. Returns None where the compliance may be negative,
+    so that there is no least stiffness.
     """
     if interval is None or interval[0] < 0 or interval[1] <= 0:
         return None
@@ -293,9 +303,8 @@ class JointCompliance:
     """Result for one joint; numbers are None if the joint is not observable."""
 
     name: str
-    kind: JointKind  #: its units are of this kind
-    #: "uncertain" where the standard uncertainty reaches the compliance and the interval contains zero, so
-    #: that there is no greatest stiffness
+    kind: JointKind  #: revolute or prismatic: decides the units
+    #: "uncertain" where the interval contains zero, so that the stiffness has no upper limit
     status: Literal["identified", "uncertain", "at_bound", "not_observable"]
     compliance: float | None = None  #: [rad/(N·m)]
     standard_uncertainty: float | None = None  #: of the compliance, without constraints [rad/(N·m)]
@@ -303,15 +312,15 @@ class JointCompliance:
     compliance_interval: tuple[float, float] | None = None
     #: bounds of the compliance from below and above, each at the full confidence [rad/(N·m)]
     one_sided: tuple[float, float] | None = None
-    #: information of its prior over that of the readings; inf where the prior alone tells it from other
-    #: joints, None without a prior
+    #: information of the joint's prior over that of the readings; inf where only the prior separates the
+    #: joint from other joints, None without a prior
     prior_to_data: float | None = None
-    reason: str | None = None  #: why there is no number, or what holds it
-    limit: str = ""  #: lower limit of the stiffness with which the reason begins
+    reason: str | None = None  #: why there is no number, or which limit applies to the number
+    limit: str = ""  #: text of the lower limit of the stiffness, with which the reason begins; may be empty
 
     @property
     def stiffness(self) -> float | None:
-        """Stiffness [N·m/rad]; None for a rigid joint and where it overflows."""
+        """Stiffness [N·m/rad]; None for a rigid joint and where the stiffness overflows."""
         return stiffness_of(self.compliance)
 
     @property
@@ -336,39 +345,39 @@ class CommonErrors:
 
     @property
     def responses(self) -> FloatArray:
-        """(n, K) all of them; their share of the covariance is the product with the transpose."""
+        """Changes (n, K) by the errors of all sources; the product with the transpose is their covariance."""
         return np.hstack(list(self.by_source.values()))
 
     def of(self, source: str) -> FloatArray:
-        """Return the responses (n, k) of the errors of one source."""
+        """Return the changes (n, k) by the errors of one source; k = 0 for a source without errors."""
         return self.by_source.get(source, self.responses[:, :0])
 
 
 @dataclass(frozen=True)
 class ComplementaryStiffness:
-    """Effect of K_c on a fit. Dimensionless."""
+    """Effect of the complementary stiffness K_c on a fit."""
 
-    included: bool  #: whether it is part of the model
-    iterations: int  #: fits until the deflected configurations stood still; 0 if neglected
+    included: bool  #: whether K_c is part of the model
+    iterations: int  #: fits until the deflected configurations no longer changed; 0 if K_c is neglected
     largest_ratio: float  #: greatest ``|K_c,ij| c_i`` over the set, over the joints with an estimate
-    #: greatest change of a compliance between neglecting and including it, in units of its standard
-    #: uncertainty; None where that is unknown
+    #: greatest change of a compliance by including K_c, in units of the compliance's standard uncertainty;
+    #: None where that is unknown
     largest_shift: float | None
-    #: (n,) change of the compliances by including it [rad/(N·m)]; None where it is not known
+    #: (n,) change of the compliances by including K_c [rad/(N·m)]; None where unknown
     shift: FloatArray | None = None
-    obstacle: str | None = None  #: why it is neglected although it was requested; None where it is not
+    obstacle: str | None = None  #: why K_c is neglected although it was requested; None otherwise
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """Joint compliances with their evidence."""
 
-    joints: tuple[JointCompliance, ...]  #: one verdict a joint
+    joints: tuple[JointCompliance, ...]  #: result for each joint
     #: (n,) the optimum that predictions use [rad/(N·m)]. Entries of joints that are not observable are no
     #: estimates; `joints` withholds them.
     compliance: FloatArray
-    #: (n,) compliances that bent the robot in the last fit, all but `compliance` [rad/(N·m)]: what is
-    #: computed with them is linear in `compliance`; None without K_c
+    #: (n,) compliances that bent the robot in the last fit [rad/(N·m)], nearly `compliance`; given these,
+    #: deflections are linear in `compliance`. None without K_c
     balanced: FloatArray | None
     #: (n, n) covariance of the unconstrained estimate [(rad/(N·m))²]; None where sigma is unknown
     covariance: FloatArray | None
@@ -383,7 +392,7 @@ class Estimate:
     triangles: MethodTriangles  #: all readings, compressed, in units of sigma
     observability: Observability  #: observability of the joints in the same readings
     characteristic_length: float | None = None  #: [m], where the weighting used one
-    complementary_stiffness: ComplementaryStiffness | None = None  #: how much it matters
+    complementary_stiffness: ComplementaryStiffness | None = None  #: effect of K_c
     robust: RobustFit | None = None  #: weights of the readings by the Huber loss; None for the squared loss
     #: likelihood of the compliances that the readings see, before any constraint, in units of sigma
     likelihood: Likelihood | None = None
@@ -392,12 +401,12 @@ class Estimate:
 
     @property
     def regressor(self) -> FloatArray:
-        """(m, n) of all readings, compressed and weighted by covariance, whatever the method made of them."""
+        """Regressor (m, n) of all readings, compressed and weighted by covariance for every method."""
         return self.triangles.judged.matrix
 
     @property
     def estimated(self) -> BoolArray:
-        """(n,) joints with an estimate."""
+        """Table (n,): whether each joint has an estimate."""
         return np.array([joint.compliance is not None for joint in self.joints])
 
     @property
@@ -412,18 +421,18 @@ class Estimate:
 
     @property
     def condition_number(self) -> float:
-        """The greatest of the stages'; inf where a rank is not full."""
+        """Greatest condition number of the stages; inf where a rank is not full."""
         return max(stage.condition_number for stage in self.identifiability)
 
     @property
     def combinations(self) -> list[list[str]]:
-        """Groups of joints, by name, whose compliances show only together."""
+        """Names of the joints in each group whose compliances the readings show only in combination."""
         groups = [group.joints for stage in self.identifiability for group in stage.combinations]
         return [[self.joints[j].name for j in joints] for joints in groups]
 
     @property
     def weakest(self) -> list[str]:
-        """Joints that are hard to tell apart, in words, for each stage that has some."""
+        """Sentences on joints that are hard to distinguish, at most one for each stage."""
         names = tuple(joint.name for joint in self.joints)
         return [stage.weakest.in_words(names) for stage in self.identifiability if stage.weakest]
 
@@ -434,17 +443,17 @@ class Estimate:
 
     @property
     def certificate(self) -> StagesCertificate:
-        """The greatest violations over the stages."""
+        """Certificate of all stages: the greatest violations over the stages."""
         return greatest_violations(self.certificates)
 
     @property
     def sigma_source(self) -> Literal["given", "residuals"]:
-        """Origin of sigma."""
+        """Origin of sigma: stated with the readings, or estimated from the residuals."""
         return "given" if self.sigma_given else "residuals"
 
     @cached_property
     def sigma_test(self) -> SigmaTest | None:
-        """Return the test of a stated sigma; None if not stated, or without residual freedom."""
+        """Chi-square test of a stated sigma; None if sigma was not stated, or without degrees of freedom."""
         return sigma_test(self.chi_square, self.degrees_of_freedom) if self.sigma_given else None
 
 
@@ -461,23 +470,24 @@ class Evidence:
     names: tuple[str, ...]  #: names of the n joints
     fit: Fit  #: outcome of the method
     observability: Observability  #: observability in these readings
-    scale: Scale  #: sigma
+    scale: Scale  #: sigma and the residuals under sigma
     constraints: Constraints  #: on the compliances
     confidence: float  #: level of the intervals
-    prior_to_data: FloatArray  #: (n,) NaN where there is no prior, inf where only the prior speaks
+    prior_to_data: FloatArray  #: (n,) as in `JointCompliance`, but NaN without a prior
 
-    def verdicts(self) -> tuple[JointCompliance, ...]:
-        """Return the result for each joint.
+    def judge_joints(self) -> tuple[JointCompliance, ...]:
+        """Return the result for each joint: number, interval, status and reason.
 
         Raises:
             SolverError: if the end of an interval could not be certified.
         """
-        hidden = [self.why_hidden(j) for j in range(len(self.names))]
+        hidden = [self.explain_missing_stiffness(j) for j in range(len(self.names))]
         shown = np.array([j for j, reason in enumerate(hidden) if reason is None], dtype=np.intp)
         ends: list[FloatArray | None] = [None] * len(shown)
         sigma, likelihood = self.scale.sigma, self.fit.likelihood
         if sigma is not None and len(shown):
             tail = 1.0 - self.confidence
+            # Two-sided intervals leave half of the tail on each side, one-sided bounds the whole tail.
             radii = sigma * np.array([self.scale.quantile(1.0 - part * tail) for part in (0.5, 1.0)])
             constraints = self.constraints.select(likelihood.joints)
             wanted = np.eye(len(likelihood.joints))[np.searchsorted(likelihood.joints, shown)]
@@ -487,18 +497,24 @@ class Evidence:
             JointCompliance(name, kind, "not_observable", reason=reason)
             for name, kind, reason in zip(self.names, self.observability.kinds, hidden, strict=True)
         ]
-        for j, both in zip(shown.tolist(), ends, strict=True):
-            joints[j] = self.verdict(j, both)
+        for j, intervals in zip(shown.tolist(), ends, strict=True):
+            joints[j] = self.judge_joint(j, intervals)
         return tuple(joints)
 
-    def verdict(self, j: int, ends: FloatArray | None) -> JointCompliance:
-        """Return the result for a joint that has a number, by its interval and one-sided bounds (2, 2)."""
+    def judge_joint(self, j: int, ends: FloatArray | None) -> JointCompliance:
+        """Return the result for a joint j that has a number.
+
+        Args:
+            j: index of the joint.
+            ends: (2, 2) two-sided interval, then one-sided bounds, of the compliance [rad/(N·m)]; None where
+                sigma is unknown.
+        """
         name, value, ratio = self.names[j], float(self.fit.compliance[j]), float(self.prior_to_data[j])
         kind = self.observability.kinds[j]
         units = JOINT_UNITS[kind]
         uncertainty = self.uncertainty(j)
         status: Literal["identified", "uncertain", "at_bound"] = "identified"
-        reason = self.constraint_that_holds(j, ends)
+        reason = self.describe_active_constraint(j, ends)
         if reason is not None:
             status = "at_bound"
         elif ends is None:
@@ -507,11 +523,13 @@ class Evidence:
             status = "uncertain"
             size = "exceeds the compliance itself" if uncertainty >= abs(value) else "leaves no upper limit"
             reason = (
-                f"{self.stiffer_than(j, ends)}the standard uncertainty of its compliance, "
+                f"{self.describe_lower_limit(j, ends)}the standard uncertainty of its compliance, "
                 f"{1e6 * uncertainty:.2g} {units.micro_compliance}, {size}: add loads with more {units.load} "
                 f"{name}"
             )
-        alone = "the readings show {} only in combination with other joints: only its prior separates them"
+        only_prior = (
+            "the readings show {} only in combination with other joints: only its prior separates them"
+        )
         two_sided, one_sided = (None, None) if ends is None else ends.tolist()
         return JointCompliance(
             name,
@@ -522,24 +540,24 @@ class Evidence:
             None if two_sided is None else (two_sided[0], two_sided[1]),
             None if one_sided is None else (one_sided[0], one_sided[1]),
             None if np.isnan(ratio) else ratio,
-            "; ".join(filter(None, [reason, alone.format(name) if np.isinf(ratio) else None])) or None,
-            self.stiffer_than(j, ends),
+            "; ".join(filter(None, [reason, only_prior.format(name) if np.isinf(ratio) else None])) or None,
+            self.describe_lower_limit(j, ends),
         )
 
     def uncertainty(self, j: int) -> float | None:
-        """Return the standard uncertainty without constraints [rad/(N·m)]; None where sigma is unknown."""
+        """Return joint j's standard uncertainty without constraints [rad/(N·m)]; None if sigma is unknown."""
         sigma = self.scale.sigma
         return None if sigma is None else sigma * float(np.sqrt(self.fit.covariance[j, j]))
 
-    def constraint_that_holds(self, j: int, ends: FloatArray | None) -> str | None:
-        """Return the active constraint of a joint in words, or None.
+    def describe_active_constraint(self, j: int, ends: FloatArray | None) -> str | None:
+        """Return a sentence on the active constraint of joint j; None if no constraint is active.
 
-        An order ties joints to equality in the last digit, which noise never does; one through a joint that
-        the readings do not see ties those on both sides of it.
+        An order makes compliances exactly equal, which noise never does. An order through a joint that the
+        readings do not see ties the joints before and after that joint.
         """
         compliance, active = self.fit.compliance, int(self.fit.active[j])
         if active and compliance[j] == 0.0:
-            limit = self.stiffer_than(j, ends) or "its compliance is zero: "
+            limit = self.describe_lower_limit(j, ends) or "its compliance is zero: "
             return f"{limit}these readings cannot distinguish it from a rigid joint"
         if self.fit.tied[j] or active:
             seen = np.flatnonzero(~self.observability.null)
@@ -552,15 +570,15 @@ class Evidence:
             return f"it is at the {'maximum' if active < 0 else 'minimum'} stiffness of `stiffness_bounds`"
         return None
 
-    def stiffer_than(self, j: int, ends: FloatArray | None) -> str:
-        """Return the lower limit of a stiffness, as in the tables; empty without one."""
+    def describe_lower_limit(self, j: int, ends: FloatArray | None) -> str:
+        """Return the text of the lower limit of joint j's stiffness; empty if there is no limit."""
         if ends is None or ends[1, 1] <= 0.0:
             return ""
         stiffness = stiffness_text(rounded_down(1.0 / float(ends[1, 1])), self.observability.kinds[j])
         return f"stiffer than {stiffness} at {100 * self.confidence:g} %: "
 
-    def why_hidden(self, j: int) -> str | None:
-        """Return why a joint has no stiffness, or None if it has one."""
+    def explain_missing_stiffness(self, j: int) -> str | None:
+        """Return the reason why joint j has no stiffness; None if joint j has a stiffness."""
         observability = self.observability
         if observability.null[j]:
             if np.isnan(self.prior_to_data[j]):
@@ -574,18 +592,20 @@ class Evidence:
                 return group.reason(self.names)
         uncertainty = self.uncertainty(j)
         if uncertainty is not None and uncertainty > float(observability.reference_compliance[j]):
-            return noise_reason(j, self.names, observability, uncertainty)
+            return explain_noise(j, self.names, observability, uncertainty)
         return None
 
 
 _LEAST_POSTURES: Final = 2
-"""Postures beyond the number of joints that it takes to tell model error from the noise of the readings."""
-_NO_UPPER_END = "without single postures its stiffness has no upper limit: something besides the joints bends"
+"""Number of postures, beyond that of the joints, needed to separate model error from noise."""
+_NO_UPPER_END = (
+    "if single postures are left out, its stiffness has no upper limit: something besides the joints bends"
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Uncertainty of all compliances, by one source or by several; or of a stack of such."""
+    """Uncertainty of all n compliances, by one or several sources; leading dimensions stack several."""
 
     covariance: FloatArray  #: (..., n, n) [(rad/(N·m))²]
 
@@ -610,18 +630,18 @@ class BudgetComponent(Spread):
     #: `readings`, the name of a term whose uncertainty is stated or assumed, `model_error` or
     #: `complementary_stiffness`
     source: str
-    #: "A" from these readings by statistics, "B" by other means, as stated with them
+    #: GUM type: "A" by statistics from these readings, "B" by other means, such as a stated uncertainty
     evaluation: Literal["A", "B"]
     included: bool  #: whether it is part of the standard uncertainty of the joints
-    degrees_of_freedom: float | None = None  #: of an evaluation of type A; None for infinitely many
+    degrees_of_freedom: float | None = None  #: of a type A evaluation; None for infinite
 
 
 @dataclass(frozen=True, eq=False)
 class LeftOut:
-    """Estimates without single postures."""
+    """Estimates that each leave out one posture (jackknife)."""
 
     compliance: FloatArray  #: (P, n) without each posture in turn [rad/(N·m)]; NaN where undetermined
-    postures: int  #: number of postures that were measured, at least P
+    postures: int  #: number of postures that were measured, P or more
 
 
 @dataclass(frozen=True, eq=False)
@@ -629,7 +649,7 @@ class UncertaintyBudget:
     """Components of the uncertainty of a run's compliances."""
 
     joints: IndexArray  #: (p,) joints that have an estimate
-    #: the squares of the included ones add up to that of the standard uncertainty
+    #: covariances of the included components add up to the covariance of the estimate
     components: tuple[BudgetComponent, ...]
     probability: float  #: coverage probability of the expanded uncertainties
     #: normal, or Student's where sigma comes from the residuals or the model error is included
@@ -644,13 +664,14 @@ class UncertaintyBudget:
         *,
         lack_of_fit: bool = False,
     ) -> UncertaintyBudget | None:
-        """Return the budget; None where the uncertainty of the readings is unknown.
+        """Return the uncertainty budget of an estimate; None if the uncertainty of the readings is unknown.
 
         Args:
             estimate: of n compliances.
             probability: coverage probability.
-            left_out: estimates without single postures; None leaves out the model error.
-            lack_of_fit: whether the joints alone do not fit: the model error is then included.
+            left_out: estimates without single postures, which show the model error; None omits the latter.
+            lack_of_fit: whether a model of joints alone does not fit: the standard uncertainty then includes
+                the model error.
         """
         if estimate.covariance is None:
             return None
@@ -667,7 +688,7 @@ class UncertaintyBudget:
             ]
         joints = np.flatnonzero(estimate.estimated)
         if left_out is not None:
-            components += _model_error(left_out, readings, joints, included=lack_of_fit)
+            components += _estimate_model_error(left_out, readings, joints, included=lack_of_fit)
         size = estimate.complementary_stiffness
         if size is not None and not size.included and size.shift is not None:
             shift = np.outer(size.shift, size.shift)
@@ -680,22 +701,22 @@ class UncertaintyBudget:
         return cls(joints, tuple(components), probability, factor)
 
     def total(self, *, whole: bool = False) -> Spread:
-        """Return all included components together; of the `whole` budget, the others too."""
+        """Return the sum of the included components; of all components if `whole`."""
         parts = [part.covariance for part in self.components if part.included or whole]
         return Spread(np.sum(parts, axis=0))
 
     @property
     def spread(self) -> Spread:
-        """Return the components in turn, then the included ones together, then the whole budget."""
+        """Stack of the components in turn, the sum of the included ones, and the sum of all."""
         parts = [*self.components, self.total(), self.total(whole=True)]
         return Spread(np.stack([part.covariance for part in parts]))
 
     def widened(self, estimate: Estimate, bounds: Bounds) -> Estimate:
-        """Return the estimate whose intervals hold the compliances ± the expanded uncertainty.
+        """Return the estimate with intervals widened to contain compliance ± expanded uncertainty.
 
         Args:
-            estimate: of n joints, the one that the budget is of.
-            bounds: on the compliances; an interval that ends at one does not pass it.
+            estimate: of n joints, from which the budget was made.
+            bounds: on the compliances; widening does not pass a bound.
         """
         joints = list(estimate.joints)
         uncertainty = self.total().uncertainty
@@ -719,13 +740,14 @@ class UncertaintyBudget:
         return replace(estimate, joints=tuple(joints))
 
 
-def _model_error(
+def _estimate_model_error(
     left_out: LeftOut, readings: FloatArray, joints: IndexArray, *, included: bool
 ) -> list[BudgetComponent]:
-    """Return the dispersion that the noise of the readings does not explain, over the postures.
+    """Return the component of the model error: dispersion over postures beyond the noise of the readings.
 
-    The jackknife's covariance holds both. In the readings' own units its eigenvalues are 1 on average where
-    there is noise alone, and at most ``(1 + √(p/P))²`` (Marchenko & Pastur, 1967): below that it is noise.
+    The list is empty if there are too few postures. The covariance of the jackknife contains noise and model
+    error. In units of the noise its eigenvalues are 1 on average for noise alone, and at most
+    ``(1 + √(p/P))²`` (Marchenko & Pastur, 1967); only eigenvalues beyond that limit count as model error.
     """
     fits = left_out.compliance[:, joints]
     fits = fits[np.isfinite(fits).all(axis=1)]
@@ -739,10 +761,10 @@ def _model_error(
         return []
     try:
         values, vectors = linalg.eigh(spread, noise)
-    except np.linalg.LinAlgError:  # readings without any noise: there is nothing to compare with
+    except np.linalg.LinAlgError:  # readings without noise: a ratio to the noise does not exist
         return []
-    chance = (1.0 + np.sqrt(p / count)) ** 2
-    root = noise @ vectors * np.sqrt(np.where(values > chance, values - 1.0, 0.0))
+    noise_limit = (1.0 + np.sqrt(p / count)) ** 2
+    root = noise @ vectors * np.sqrt(np.where(values > noise_limit, values - 1.0, 0.0))
     covariance = np.zeros_like(readings)
     covariance[np.ix_(joints, joints)] = root @ root.T
     return [BudgetComponent(covariance, "model_error", "A", included, count - 1.0)]
@@ -771,9 +793,9 @@ class Prediction:
     compensation: float | None  #: ``1 − mean‖residual‖ / mean‖δp‖``; None where nothing moved
     rms_residual: float  #: root mean square of ‖residual‖ [m]
     contributions: Contributions | None = None  #: of the joints; None where more than joints bends
-    #: what bends besides the joints: links may mean a base, too; None for nothing
+    #: what bends in addition to the joints; None for nothing
     bending: Literal["links", "base", "links_or_base"] | None = None
-    joined: bool = True  #: of links or a base: whether the intervals contain the values of both models
+    joined: bool = True  #: for `links_or_base`: whether the intervals contain the values of both models
     #: (N, n) deflections ``δθ = diag(τ) c`` of the joints behind their gearboxes [rad]; None where more bends
     encoders: FloatArray | None = None
 
@@ -781,7 +803,7 @@ class Prediction:
     def of(
         cls, measurements: Measurements, predicted: FloatArray, contributions: Contributions | None = None
     ) -> Prediction:
-        """Judge predicted deflections (N, T, 3) [m]."""
+        """Return predicted deflections (N, T, 3) [m] with their residuals and how much they explain."""
         residual = np.where(measurements.present[..., None], measurements.deflection - predicted, 0.0)
         left = np.linalg.norm(residual[measurements.present], axis=-1)
         moved = np.linalg.norm(measurements.deflection[measurements.present], axis=-1).mean()
@@ -809,11 +831,14 @@ def predict(
         measurements: N observations.
         compliance: (n,) [rad/(N·m)].
         balanced: (n,) compliances that bend the robot, as `Estimate.balanced`: the deflections are then
-            those of the exact balance, to third order. None leaves out how they move the load.
-        estimated: (n,) joints with an estimate; all if None. The others contribute nothing by name.
+            those of the exact balance, to third order. None neglects that the deflection moves the load.
+        estimated: (n,) joints with an estimate; all if None. Other joints have zero contributions.
+
+    Returns:
+        Predicted deflections and residuals, with the contribution of each joint.
 
     Raises:
-        SolverError: the load finds no balance with joints of those compliances.
+        SolverError: the load has no balance with joints of the given compliances.
     """
     named = compliance if estimated is None else np.where(estimated, compliance, 0.0)
     predicted, along, turned = [], [], []

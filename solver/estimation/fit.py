@@ -30,7 +30,12 @@ from jointstiff.schemas.run import SupportFinder
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.estimation.method import MethodTriangles, Prior
-from jointstiff.solver.estimation.observability import Combination, Identifiability, Spectrum, analyse
+from jointstiff.solver.estimation.observability import (
+    Combination,
+    Identifiability,
+    Spectrum,
+    analyse_spectrum,
+)
 from jointstiff.solver.estimation.problem import Constraints, IdentificationProblem, Scaled
 from jointstiff.solver.estimation.solution import Certificate, Solution, certify, solve, solve_step
 from jointstiff.solver.estimation.triangle import Triangle, triangle_of
@@ -50,30 +55,34 @@ _LEAST_FREEDOM = 0.5
 class Likelihood:
     """``‖R (c − ĉ)‖²`` is −2 sigma² log L(c) but for a constant, over p of the compliances.
 
-    An unconstrained estimate ĉ = H d is Gaussian with covariance sigma² C, C = H Σ Hᵀ, so RᵀR = C⁻¹ on what
-    is determined. For weighting by covariance in one stage R is the compressed regressor itself.
+    An unconstrained estimate ĉ = H d is Gaussian with covariance sigma² C, C = H Σ Hᵀ, so RᵀR = C⁻¹ in the
+    directions that the readings determine. For weighting by covariance in one stage R is the compressed
+    regressor itself.
     """
 
-    joints: IndexArray  #: (p,) which compliances, ascending
+    joints: IndexArray  #: (p,) indices of the compliances, ascending
     centre: FloatArray  #: (p,) the unconstrained estimate ĉ [rad/(N·m)]
     covariance: FloatArray  #: (p, p) C, in units of sigma²
-    given_rows: FloatArray | None = None  #: (k, p) R if it is known; must be given where ĉ is not unique
+    given_rows: FloatArray | None = None  #: (k, p) R; None to compute R from C, which needs a unique ĉ
 
     @cached_property
     def rows(self) -> FloatArray:
-        """(k, p) R."""
+        """Matrix R (k, p) of the likelihood."""
         return rows_of(self.covariance) if self.given_rows is None else self.given_rows
 
     def inflated(self, factor: float) -> Likelihood:
-        """The same centre, its variance greater by a factor."""
+        """Return the likelihood with the same centre and its covariance multiplied by a factor."""
         rows = None if self.given_rows is None else self.given_rows / np.sqrt(factor)
         return Likelihood(self.joints, self.centre, factor * self.covariance, rows)
 
-    def with_common(self, responses: FloatArray) -> Likelihood:
-        """The same centre with covariance ``C + S Sᵀ``, which takes ``RᵀR`` to ``Rᵀ(I + (R S)(R S)ᵀ)⁻¹R``.
+    def add_common_errors(self, responses: FloatArray) -> Likelihood:
+        """Return the likelihood with the covariance S Sᵀ of errors shared by all observations added to C.
+
+        ``RᵀR`` then becomes ``Rᵀ(I + (R S)(R S)ᵀ)⁻¹R``.
 
         Args:
-            responses: S (p, k), in units of sigma.
+            responses: S (p, k), change of the estimate by one standard uncertainty of each of k errors, in
+                units of sigma.
         """
         rows = self.given_rows
         if rows is not None:
@@ -83,9 +92,9 @@ class Likelihood:
 
 
 def rows_of(covariance: FloatArray) -> FloatArray:
-    """R (p, p) with RᵀR the inverse of a covariance (p, p).
+    """Return R (p, p) such that RᵀR is the inverse of a covariance (p, p).
 
-    Eigenvalues of the correlations that are lost in rounding count as rounding: that information is
+    Eigenvalues of the correlation matrix below rounding are raised to rounding, so that information is
     understated, never overstated.
     """
     deviation = np.sqrt(np.diagonal(covariance))
@@ -104,47 +113,48 @@ class Fit:
     tied: BoolArray  #: (n,) joints whose compliance an order makes equal to another's
     covariance: FloatArray  #: (n, n) of the unconstrained estimate in units of sigma²; zero for null columns
     likelihood: Likelihood  #: likelihood of the compliances that the readings see, before any constraint
-    parameters: float  #: how many the readings had to determine: the rank, less what a prior determined
+    parameters: float  #: number of parameters that the readings determine: the rank, less a prior's share
     #: groups of joints that neither the readings nor a prior tell apart
     undetermined: tuple[Combination, ...]
     identifiability: tuple[Identifiability, ...]  #: identifiability of each stage, by the readings alone
     certificates: tuple[Certificate, ...]  #: certificates of each stage
-    alone: Fit | None = None  #: where a prior takes part, the fit of the readings alone
+    alone: Fit | None = None  #: the fit without the prior, where a prior was used
 
     def inflated(self, factor: float) -> Fit:
-        """The same estimate, its variance greater by a factor."""
+        """Return the same estimate with its covariance multiplied by a factor."""
         wider = self.likelihood.inflated(factor)
         return replace(self, covariance=factor * self.covariance, likelihood=wider)
 
-    def with_common(self, responses: FloatArray) -> Fit:
-        """The same estimate with the variance of errors that all observations share.
+    def add_common_errors(self, responses: FloatArray) -> Fit:
+        """Return the same estimate with the covariance of errors that all observations share added.
 
         Args:
-            responses: (n, k) what a standard uncertainty of each moves, in units of sigma.
+            responses: (n, k) change of the estimate by one standard uncertainty of each of k errors, in units
+                of sigma.
         """
         return replace(
             self,
             covariance=self.covariance + responses @ responses.T,
-            likelihood=self.likelihood.with_common(responses[self.likelihood.joints]),
+            likelihood=self.likelihood.add_common_errors(responses[self.likelihood.joints]),
         )
 
 
 Find = Callable[[IdentificationProblem], Solution]
-"""Finds and certifies an optimum."""
+"""Function that finds and certifies the optimum of a problem."""
 
 
 @dataclass(frozen=True, eq=False)
 class StageFit:
-    """One stage solved."""
+    """Solution of one stage of a method."""
 
-    joints: IndexArray  #: (p,) joints of its columns
-    spectrum: Spectrum  #: spectrum of its rows, with those of the prior
-    analysis: Identifiability  #: analysis of its rows, the readings' alone
-    undetermined: tuple[Combination, ...]  #: what neither readings nor prior tell apart
-    parameters: float  #: how many the readings had to determine
+    joints: IndexArray  #: (p,) joints of the stage's columns
+    spectrum: Spectrum  #: spectrum of the stage's rows, those of the prior included
+    analysis: Identifiability  #: identifiability by the readings, without the prior
+    undetermined: tuple[Combination, ...]  #: groups of joints that neither readings nor prior tell apart
+    parameters: float  #: number of parameters that the readings determine
     prior: FloatArray  #: (k,) right-hand side of the prior's rows, which come last
-    solution: Solution  #: under the constraints
-    tied: BoolArray  #: (p,) whether an order holds it
+    solution: Solution  #: optimum under the constraints
+    tied: BoolArray  #: (p,) joints whose compliance an order makes equal to another's
 
     @classmethod
     def of(
@@ -156,14 +166,14 @@ class StageFit:
         prior: Prior | None = None,
         find: Find = solve,
     ) -> StageFit:
-        """Solve ``‖R c − z‖²`` for p joints, on which the constraints are."""
+        """Minimise ``‖R c − z‖²`` over the p given joints under constraints on these joints."""
         readings = spectrum = Spectrum(R)
-        analysis = analyse(readings, joints)
+        analysis = analyse_spectrum(readings, joints)
         undetermined, parameters, known = analysis.combinations, float(readings.rank), np.zeros(0)
         if prior is not None:
             rows, known = prior.rows(joints)
             spectrum = Spectrum(np.vstack([R, rows]))
-            undetermined = analyse(spectrum, joints).combinations
+            undetermined = analyse_spectrum(spectrum, joints).combinations
             parameters = float(np.sum(spectrum.inverse[:, : len(R)].T * R))
         solution = find(
             IdentificationProblem(
@@ -175,13 +185,13 @@ class StageFit:
         )
         tied = np.zeros(len(joints), dtype=np.bool_)
         if solution.tight is not None:
-            level = constraints.level(solution.compliance, solution.tight)
+            level = constraints.equalise_tied(solution.compliance, solution.tight)
             solution = replace(solution, compliance=level)
             tied[np.array(constraints.order)[solution.tight].ravel()] = True
         return cls(joints, spectrum, analysis, undetermined, parameters, known, solution, tied)
 
     def unconstrained(self, z: FloatArray) -> FloatArray:
-        """(p,) the estimate without constraints of readings z (m,); where it is not unique, one of them."""
+        """Return the estimate (p,) from readings z (m,) without constraints; the shortest if not unique."""
         estimate: FloatArray = self.spectrum.inverse @ np.concatenate([z, self.prior])
         return estimate
 
@@ -193,20 +203,20 @@ def fit_method(
     prior: Prior | None = None,
     find: Find = solve,
 ) -> Fit:
-    """Solve the stages of a method, leaving out the null columns.
+    """Solve the stages of a method in turn, leaving out joints that the readings do not see.
 
-    To a later stage the compliances of an earlier one are known: an order between a joint of the arm and one
-    of the wrist is a constraint on both to the likelihood, but here a bound on the wrist alone.
+    A later stage takes the compliances of an earlier stage as known. So an order between a joint of the arm
+    and a joint of the wrist constrains both joints in the likelihood, but bounds only the wrist joint here.
 
     Args:
-        triangles: of all observations.
+        triangles: compressed rows of all observations.
         null: (n,) joints that the readings do not see.
         constraints: on all n compliances.
         prior: of the n compliances, in units of sigma; with weighting by covariance only.
-        find: `solve_step` where another fit follows.
+        find: function that solves a problem; `solve_step` is faster, for use in iterations.
 
     Raises:
-        RequestError: if such a bound leaves a wrist joint no room.
+        RequestError: if such a bound leaves no feasible compliance for a wrist joint.
         UnsupportedMethodError: if the wrist centre does not show an arm joint that the targets see, or
             determines arm joints only in combination, so that the arm's share of the targets' deflection is
             unknown.
@@ -221,7 +231,7 @@ def fit_method(
         if not len(joints):
             continue
         R, z, by_known = triangle.matrix[:, joints], triangle.rhs, triangle.matrix[:, known]
-        remaining = constraints.given(known, compliance[known], joints)
+        remaining = constraints.fix_joints(known, compliance[known], joints)
         fitted = StageFit.of(R, z - by_known @ compliance[known], joints, remaining, prior, find)
         if fitted.undetermined and stage is not method.stages[-1]:
             combined = sorted(j for group in fitted.undetermined for j in group.joints)
@@ -241,6 +251,7 @@ def fit_method(
 
 
 def _refuse_unseen_from_centre(triangles: MethodTriangles, null: BoolArray) -> None:
+    """Raise UnsupportedMethodError if an arm joint moves the targets but not the wrist centre."""
     arm, names = triangles.method.stages[0].joints, triangles.method.joint_names
     unseen = [j for j in arm[triangles.seen_from_centre.observability().null[arm]] if not null[j]]
     if unseen:
@@ -255,13 +266,20 @@ def _refuse_unseen_from_centre(triangles: MethodTriangles, null: BoolArray) -> N
 def _combine_stages(
     triangles: MethodTriangles, fits: dict[int, StageFit], compliance: FloatArray, centre: FloatArray
 ) -> Fit:
-    """Put the stages together."""
+    """Combine the solutions of all stages into the fit of the whole method.
+
+    Args:
+        triangles: compressed rows of all observations.
+        fits: solved stages by their number.
+        compliance: (n,) optimum [rad/(N·m)].
+        centre: (n,) estimate without constraints [rad/(N·m)].
+    """
     stages = list(fits.values())
     active, tied = np.zeros(len(centre), dtype=np.int8), np.zeros(len(centre), dtype=np.bool_)
     for stage in stages:
         tied[stage.joints], active[stage.joints] = stage.tied, stage.solution.active
     joints = np.concatenate([np.zeros(0, np.intp), *(stage.joints for stage in stages)])
-    covariance = _covariance(triangles, fits)
+    covariance = _compute_covariance(triangles, fits)
     part = covariance[np.ix_(joints, joints)]
     undetermined = tuple(group for stage in stages for group in stage.undetermined)
     rows = None
@@ -283,7 +301,7 @@ def _combine_stages(
     )
 
 
-def _covariance(triangles: MethodTriangles, fits: dict[int, StageFit]) -> FloatArray:
+def _compute_covariance(triangles: MethodTriangles, fits: dict[int, StageFit]) -> FloatArray:
     """Return the exact covariance (n, n) of all stages: ĉ = H d, hence H Σ Hᵀ (method.md §4).
 
     With ĉ_w = L (d − A_a ĉ_a) it is, for the wrist, L Σ Lᵀ less the correlation of the two stages, plus
@@ -300,7 +318,7 @@ def _covariance(triangles: MethodTriangles, fits: dict[int, StageFit]) -> FloatA
         arm, wrist = fits.values()
         inverse = wrist.spectrum.inverse
         rows = triangles.stages[1].matrix[:, arm.joints]
-        leak = inverse[:, : len(rows)] @ rows  # L A_a; what a prior says of the wrist leaks nothing
+        leak = inverse[:, : len(rows)] @ rows  # L A_a; a prior of the wrist does not depend on the arm
         shared = (inverse @ inverse.T) @ triangles.cross[np.ix_(wrist.joints, arm.joints)]
         shared = shared @ (arm.spectrum.inverse @ arm.spectrum.inverse.T)  # cov(L d, ĉ_a)
         of_arm = covariance[np.ix_(arm.joints, arm.joints)]
@@ -312,7 +330,7 @@ def _covariance(triangles: MethodTriangles, fits: dict[int, StageFit]) -> FloatA
 
 
 def student_quantile(probability: float, degrees_of_freedom: float | None) -> float:
-    """Return the quantile in standard uncertainties: Student's, or the normal one for None."""
+    """Return the quantile of Student's distribution; of the normal distribution if the freedom is None."""
     if degrees_of_freedom is None:
         return float(special.ndtri(probability))
     return float(special.stdtrit(degrees_of_freedom, probability))
@@ -320,7 +338,7 @@ def student_quantile(probability: float, degrees_of_freedom: float | None) -> fl
 
 @dataclass(frozen=True)
 class Scale:
-    """Sigma and the residuals under it."""
+    """Sigma, and the chi-square of the residuals under this sigma."""
 
     #: standard uncertainty of one coordinate of one reading [m]; None where it was not given and there are
     #: no degrees of freedom to estimate it from
@@ -330,21 +348,24 @@ class Scale:
     degrees_of_freedom: float  #: expectation of chi_square where model and sigma are right
 
     def quantile(self, probability: float) -> float:
-        """Return the quantile in standard uncertainties: normal, or Student's where sigma is estimated."""
+        """Return the quantile of the estimate's error over its standard uncertainty.
+
+        It is normal, or Student's where sigma was estimated from the residuals.
+        """
         return student_quantile(probability, None if self.given else self.degrees_of_freedom)
 
 
-def scale_of(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
-    """Chi-square of the targets' residuals, its degrees of freedom, and sigma.
+def estimate_scale(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
+    """Return sigma, the chi-square of the targets' residuals, and its degrees of freedom.
 
-    For any linear unbiased ĉ of covariance C, ``E[χ²] = rows − 2 p + tr(AᵀΣ⁻¹A C)``; for weighted least
-    squares that is rows − p. It lets the three methods be judged on the same readings. Where a prior takes
-    part, p is the number of parameters that the readings had to determine, and the expectation is over it.
+    For any linear unbiased ĉ of covariance C, ``E[χ²] = rows − 2 p + tr(AᵀΣ⁻¹A C)``, which is rows − p for
+    weighted least squares; so all methods are judged on the same readings. With a prior, p is the number of
+    parameters that the readings, not the prior, determine.
 
     Args:
         fit: outcome of a method.
         readings: compressed rows of all readings, whitened in units of sigma.
-        sigma: as stated with the readings [m], or None.
+        sigma: as stated with the readings [m]; None to estimate sigma from the residuals.
     """
     R = readings.matrix
     squares = float(np.sum((R @ fit.compliance - readings.rhs) ** 2))
@@ -352,7 +373,7 @@ def scale_of(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
     freedom = readings.rows - 2 * fit.parameters + information
     freedom = 0.0 if freedom < _LEAST_FREEDOM else freedom
     if sigma is not None:
-        with np.errstate(all="ignore"):  # an overflow is refused later, with its remedy
+        with np.errstate(all="ignore"):  # the caller refuses an overflow, with a remedy
             chi_square = float(np.float64(squares) / np.float64(sigma) ** 2)
         return Scale(sigma, True, chi_square, freedom)
     if freedom < _LEAST_FREEDOM:
@@ -381,37 +402,37 @@ def sigma_test(chi_square: float, degrees_of_freedom: float) -> SigmaTest | None
 
 
 SUSPICIOUS_NORM = float(np.sqrt(2.0 * special.gammaincinv(1.5, 0.999)))
-"""Limit of a suspicious reading, 4.03 sigma: one good reading of three coordinates in a thousand exceeds
-it."""
+"""Length of a residual above which a reading is suspicious, 4.03 sigma: of a thousand good readings of three
+coordinates, one exceeds this length."""
 
 MEDIAN_NORM = float(np.sqrt(2.0 * special.gammaincinv(1.5, 0.5)))
 """1.538: median of the norm of three standard normal coordinates."""
 _LEAST_SCALE = 1e-6
-"""Smallest scale relative to the rms deflection: no tracker measures better, and exact readings have no
-scale."""
+"""Smallest scale of the residuals relative to the rms deflection: no tracker measures better, and exact
+readings would give a scale of zero."""
 _SCALE_TOLERANCE = 1e-6
 _SCALE_ROUNDS = 100
 MOST_ROUNDS = 200
 """Maximum rounds of reweighting."""
 _LEAST_DAMPING = 1e-8
 MOST_STATED = 500
-"""Number of targets up to which Huber's problem is solved as stated: 12 ms for 100, about 40 ms for these."""
+"""Number of readings up to which Clarabel solves Huber's problem: 12 ms for 100, about 40 ms for 500."""
 _NO_DESCENT = 1e-12
 """Relative increase of the objective that counts as rounding."""
 
 
 class TargetRows:
-    """Whitened rows of all targets, one by one: 24 (n + 1) bytes a reading."""
+    """Whitened rows of all readings, kept uncompressed for the Huber loss: 24 (n + 1) bytes a reading."""
 
     def __init__(self, parameters: int) -> None:
         """Start without observations."""
         self._rows: list[FloatArray] = []
         self._present: list[BoolArray] = []
         self.squared = Triangle(joints=parameters)
-        """Rows of squared loss: those of the encoders."""
+        """Rows whose loss stays squared: those of the encoders."""
 
     def add(self, block: RegressorBlock) -> None:
-        """Take in a block of observations."""
+        """Add the whitened rows of a block of observations."""
         rows = whitened_rows(block, [JOINTS], np.zeros(block.robot.n))
         self._rows.append(rows.targets[block.measurements.present])
         self._present.append(block.measurements.present)
@@ -420,23 +441,23 @@ class TargetRows:
 
     @property
     def rows(self) -> FloatArray:
-        """(K, 3, n + 1) [A d] of the K readings, in units of sigma."""
+        """Rows (K, 3, n + 1) [A d] of the K readings, whitened, in units of sigma."""
         return np.concatenate(self._rows)
 
     @property
     def present(self) -> BoolArray:
-        """(N, T) which targets were read: where the K readings belong."""
+        """Table (N, T): whether each target was read in each observation; K entries are true."""
         return np.concatenate(self._present)
 
     def chi_square(self, compliance: FloatArray, *, sigma: float, threshold: float) -> float:
-        """Chi-square of an estimate, each target's residual cut at the threshold so that none decides it.
+        """Return the chi-square of an estimate, with each residual cut at the threshold to limit outliers.
 
         ``Σ min(‖r‖/σ, k)² / b``, with ``3 b = E[min(t, k)²]`` and t the norm of three standard normal
         coordinates, so that its expectation for good readings is that of the plain chi-square.
 
         Args:
-            compliance: (n,) [rad/(N·m)].
-            sigma: [m].
+            compliance: (n,) the estimate [rad/(N·m)].
+            sigma: standard uncertainty of one coordinate of one reading [m].
             threshold: k, in units of sigma.
         """
         norm = np.linalg.norm(self.rows[..., -1] - self.rows[..., :-1] @ compliance, axis=1) / sigma
@@ -453,16 +474,16 @@ class RobustFit:
     threshold: float  #: norm beyond which a reading counts less, in units of sigma
     sigma: float  #: standard uncertainty of one coordinate of one reading [m]: as stated, or the robust scale
     weight: FloatArray  #: (N, T) weight of the readings; 1 where a target was not read
-    #: (N, T) of the whitened residuals in units of sigma; 0 where a target was not read. They are those of
-    #: the Huber estimate, whatever the method.
+    #: (N, T) lengths of the whitened residuals of the Huber estimate, in units of sigma, whatever the method;
+    #: 0 where a target was not read
     residual_norm: FloatArray
     certificate: Certificate  #: certificate of the optimum of the Huber problem
 
     @property
     def suspicious(self) -> IndexArray:
-        """(K, 2) observation and target of the readings that are hardly good ones, worst first.
+        """Indices (K, 2) of observation and target of the suspicious readings, worst first.
 
-        Those of less than full weight whose residual exceeds `SUSPICIOUS_NORM`.
+        A reading is suspicious if its weight is below 1 and its residual exceeds `SUSPICIOUS_NORM`.
         """
         beyond = np.argwhere((self.weight < 1.0) & (self.residual_norm > SUSPICIOUS_NORM))
         order = np.argsort(-self.residual_norm[beyond[:, 0], beyond[:, 1]], kind="stable")
@@ -470,13 +491,13 @@ class RobustFit:
 
     @property
     def inflation(self) -> float:
-        """Variance of a Huber estimate over that of least squares with its weights taken as known.
+        """Ratio ≥ 1: variance of the Huber estimate over that of least squares with these weights as given.
 
-        Huber's asymptotic ``a / b²`` relative to ``1 / mean(w)`` (*Robust Statistics*, 1981, §7.6), a the
-        mean of ``(w ‖r‖)²`` a coordinate and b that of the derivative: 1 for a reading below the threshold;
-        beyond it w across the residual's direction and 0 along it. Readings below the threshold count as
-        their sigma says, not as they came out. It is 1.0 for good readings and 1.26 where a tenth are 20
-        sigma off; never taken below 1.
+        Huber's asymptotic ``a / b²`` relative to ``1 / mean(w)`` (*Robust Statistics*, 1981, §7.6): a is the
+        mean of ``(w ‖r‖)²`` per coordinate, b the mean derivative of ``w r``. That derivative is 1 below the
+        threshold; beyond the threshold it is w across the residual's direction and 0 along the direction.
+        Below the threshold the expected ``‖r‖²`` is used, not the residual itself. The ratio is 1.0 for good
+        readings, and 1.26 where a tenth of the readings are wrong by 20 sigma.
         """
         half = 0.5 * self.threshold**2
         below = float(special.gammainc(2.5, half) / special.gammainc(1.5, half))  # E[χ²₃ | χ²₃ ≤ t²] / 3
@@ -488,57 +509,60 @@ class RobustFit:
         return max(1.0, a * float(np.mean(w)) / b**2)
 
     def weigh(self, measurements: Measurements) -> Measurements:
-        """The same readings with the covariances Σ/w that their weights stand for."""
+        """Return the same readings with covariances Σ/w, so that least squares gives the Huber estimate."""
         covariance = measurements.covariance / self.weight[..., None, None]
         return replace(measurements, covariance=covariance, weight=self.weight)
 
 
 @dataclass(frozen=True, eq=False)
 class _HuberProblem:
-    """Lengths are in units of the threshold: ρ turns linear at 1."""
+    """Fit with the Huber loss as data; in units of the threshold the loss ρ turns linear at 1."""
 
-    rows: FloatArray  # (K, 3, p + 1) [A d] of the targets
-    squared: FloatArray  # (q, p + 1) of squared loss
+    rows: FloatArray  # (K, 3, p + 1) [A d] of the K readings of targets
+    squared: FloatArray  # (q, p + 1) [S t] of rows whose loss stays squared
     constraints: Constraints
 
     def in_units_of(self, length: float) -> _HuberProblem:
+        """Return the problem with all rows divided by a length."""
         return replace(self, rows=self.rows / length, squared=self.squared / length)
 
-    def residual(self, c: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(K, 3) residuals and (K,) their norms."""
+    def residuals_at(self, c: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the residuals (K, 3) at compliances c (p,), and their norms (K,)."""
         residual = self.rows[..., -1] - self.rows[..., :-1] @ c
         return residual, np.linalg.norm(residual, axis=1)
 
     def objective(self, c: FloatArray) -> float:
-        norm = self.residual(c)[1]
+        """Return the Huber loss of the targets plus half the squares of the other rows, at c (p,)."""
+        norm = self.residuals_at(c)[1]
         squared = self.squared[:, :-1] @ c - self.squared[:, -1]
         return float(np.where(norm <= 1.0, 0.5 * norm**2, norm - 0.5).sum() + 0.5 * (squared @ squared))
 
-    def posed(self, spectrum: Spectrum, z: FloatArray) -> IdentificationProblem:
-        """Least squares under the constraints."""
+    def state_problem(self, spectrum: Spectrum, z: FloatArray) -> IdentificationProblem:
+        """Return the problem: least squares with readings z (m,) under the constraints."""
         return IdentificationProblem(
             spectrum.determined, z, self.constraints.bounds, self.constraints.inequalities
         )
 
-    def weighted(self, weight: FloatArray) -> IdentificationProblem:
-        """Return least squares with weights (K,) of the targets."""
+    def state_weighted(self, weight: FloatArray) -> IdentificationProblem:
+        """Return the weighted least-squares problem for weights (K,) of the readings."""
         rows = (np.sqrt(weight)[:, None, None] * self.rows).reshape(-1, self.rows.shape[2])
         R = triangle_of(np.vstack([rows, self.squared]))
-        return self.posed(Spectrum(R[:, :-1]), R[:, -1])
+        return self.state_problem(Spectrum(R[:, :-1]), R[:, -1])
 
-    def least_squares(self) -> IdentificationProblem:
-        """Return the same problem with the squared loss."""
-        return self.weighted(np.ones(len(self.rows)))
+    def state_unweighted(self) -> IdentificationProblem:
+        """Return the same problem with the squared loss: all weights are 1."""
+        return self.state_weighted(np.ones(len(self.rows)))
 
-    def step(self, c: FloatArray, damping: float) -> tuple[FloatArray, Certificate]:
-        """Minimum under the bounds of a quadratic model of the objective at c.
+    def minimise_model(self, c: FloatArray, damping: float) -> tuple[FloatArray, Certificate]:
+        """Minimise a quadratic model of the objective around c (p,) under the constraints.
 
         A reading beyond the threshold adds the curvature ``w (I − (1 − damping) u uᵀ)``, u the direction of
-        its residual: Newton's for damping 0; for 1 that of reweighting, which never goes up.
+        its residual: damping 0 gives Newton's step, and 1 a reweighted step, which never increases the
+        objective. Returns the minimiser (p,) and the certificate of the model's minimum.
         """
         A, S = self.rows[..., :-1], self.squared[:, :-1]
-        residual, norm = self.residual(c)
-        weight = _weight(norm)
+        residual, norm = self.residuals_at(c)
+        weight = _huber_weights(norm)
         u = residual / np.maximum(norm, 1.0)[:, None]
         along = np.where(norm > 1.0, 1.0 - np.sqrt(damping), 0.0)
         curved = A - along[:, None, None] * u[..., None] * (u[:, None] @ A)
@@ -547,12 +571,12 @@ class _HuberProblem:
         gradient = S.T @ (S @ c - self.squared[:, -1])
         gradient -= np.einsum("kij,ki->j", A, weight[:, None] * residual)
         spectrum = Spectrum(R)
-        solution = solve_step(self.posed(spectrum, R @ c - spectrum.inverse.T @ gradient))
+        solution = solve_step(self.state_problem(spectrum, R @ c - spectrum.inverse.T @ gradient))
         return solution.compliance, solution.certificate
 
     def certificate(self, c: FloatArray, solved_by: SupportFinder) -> Certificate:
-        """Certify weighted least squares with the weights of the residuals at c: the Huber problem."""
-        scaled = Scaled.of(self.weighted(_weight(self.residual(c)[1])))
+        """Return the certificate of c (p,): least squares with the weights at c has the Huber optimum."""
+        scaled = Scaled.of(self.state_weighted(_huber_weights(self.residuals_at(c)[1])))
         return certify(scaled, c / scaled.unit, solved_by)
 
 
@@ -565,19 +589,19 @@ def fit_huber(
     sigma: float | None,
     threshold: float,
 ) -> RobustFit:
-    """Solve the Huber problem of all targets.
+    """Fit the compliances with the Huber loss on all targets.
 
-    Where sigma is unknown a robust scale takes its place: the median norm of the whitened residuals over
-    that of χ with three degrees of freedom, times √(rows/(rows − parameters)) because a fit shrinks its
-    residuals, brought to convergence together with the fit, then fixed.
+    Where sigma is unknown, a robust scale replaces it: the median norm of the whitened residuals over the
+    median of χ with three degrees of freedom, times √(rows/(rows − parameters)), because a fit shrinks its
+    residuals. Scale and fit are iterated to convergence; then the scale is fixed.
 
     Args:
-        targets: the rows.
+        targets: whitened rows of all readings.
         null: (n,) joints that the readings do not see.
         constraints: on all n compliances.
         prior: of the n compliances; its loss stays squared.
         sigma: as stated with the readings [m], or None.
-        threshold: in units of sigma.
+        threshold: length of a residual from which the loss is linear, in units of sigma.
 
     Returns:
         The weights of the readings, with the certificate of the optimum.
@@ -592,39 +616,41 @@ def fit_huber(
         targets.rows[..., columns], targets.squared.R[:, columns], constraints.select(joints)
     )
     if sigma is None:
-        sigma = _robust_scale(problem, threshold)
+        sigma = _estimate_robust_scale(problem, threshold)
     if prior is not None:
         rows, known = prior.in_units_of(sigma).rows(joints)
         problem = replace(problem, squared=np.vstack([problem.squared, np.column_stack([rows, known])]))
     problem = problem.in_units_of(threshold * sigma)
-    compliance, certificate = _minimise(problem)
-    norm = problem.residual(compliance)[1]
+    compliance, certificate = _minimise_huber_loss(problem)
+    norm = problem.residuals_at(compliance)[1]
     present = targets.present
     weights, norms = np.ones(present.shape), np.zeros(present.shape)
-    weights[present], norms[present] = _weight(norm), threshold * norm
+    weights[present], norms[present] = _huber_weights(norm), threshold * norm
     return RobustFit(threshold, sigma, weights, norms, certificate)
 
 
-def _weight(norm: FloatArray) -> FloatArray:
+def _huber_weights(norm: FloatArray) -> FloatArray:
+    """Return the weights (K,) of residuals with norms (K,) in units of the threshold: 1 or 1/norm."""
     return 1.0 / np.maximum(norm, 1.0)
 
 
-def _minimise(problem: _HuberProblem) -> tuple[FloatArray, Certificate]:
-    """Return the optimum and its certificate: Clarabel's point, polished by Newton's steps.
+def _minimise_huber_loss(problem: _HuberProblem) -> tuple[FloatArray, Certificate]:
+    """Return the optimum (p,) of the Huber problem and its certificate: Clarabel's point, refined by Newton.
 
-    Of more than `MOST_STATED` targets the rounds start at least squares, with full damping, which is faster.
+    With more than `MOST_STATED` readings the rounds start from least squares, with full damping: that is
+    faster than Clarabel.
     """
     stated = None
     if len(problem.rows) <= MOST_STATED:
         from jointstiff.solver.estimation import convex  # takes a second to import
 
         (A, d), (S, t) = ((rows[..., :-1], rows[..., -1]) for rows in (problem.rows, problem.squared))
-        stated = convex.huber(A, d, S, t, problem.least_squares())
-    compliance = solve_step(problem.least_squares()).compliance if stated is None else stated
+        stated = convex.solve_huber(A, d, S, t, problem.state_unweighted())
+    compliance = solve_step(problem.state_unweighted()).compliance if stated is None else stated
     damping = 1.0 if stated is None else _LEAST_DAMPING
     objective = problem.objective(compliance)
     for _ in range(MOST_ROUNDS):
-        proposed, solver = problem.step(compliance, damping)
+        proposed, solver = problem.minimise_model(compliance, damping)
         value = problem.objective(proposed)
         if value > objective * (1.0 + _NO_DESCENT) and damping < 1.0:
             damping = 1.0
@@ -643,9 +669,13 @@ def _minimise(problem: _HuberProblem) -> tuple[FloatArray, Certificate]:
     )
 
 
-def _robust_scale(problem: _HuberProblem, threshold: float) -> float:
-    """Scale of the residuals [m], brought to convergence round by round with the fit."""
-    compliance = solve_step(problem.least_squares()).compliance
+def _estimate_robust_scale(problem: _HuberProblem, threshold: float) -> float:
+    """Return the robust scale of the residuals [m], iterated with the fit to convergence.
+
+    Raises:
+        UnsupportedMethodError: there are no more readings than parameters.
+    """
+    compliance = solve_step(problem.state_unweighted()).compliance
     rows = problem.rows[..., 0].size
     freedom = rows - len(compliance)
     if freedom < 1:
@@ -658,8 +688,8 @@ def _robust_scale(problem: _HuberProblem, threshold: float) -> float:
     least = _LEAST_SCALE * float(np.sqrt(np.mean(problem.rows[..., -1] ** 2)))
     scale = np.inf
     for _ in range(_SCALE_ROUNDS):
-        before, scale = scale, max(least, unit * float(np.median(problem.residual(compliance)[1])))
+        before, scale = scale, max(least, unit * float(np.median(problem.residuals_at(compliance)[1])))
         if abs(scale - before) <= _SCALE_TOLERANCE * scale:
             break
-        compliance, _ = problem.in_units_of(threshold * scale).step(compliance, 1.0)
+        compliance, _ = problem.in_units_of(threshold * scale).minimise_model(compliance, 1.0)
     return scale

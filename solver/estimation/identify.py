@@ -14,15 +14,15 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError, SolverError, UnsupportedMethodError
 from jointstiff.solver.estimation.estimate import CommonErrors, ComplementaryStiffness, Estimate, Evidence
-from jointstiff.solver.estimation.fit import Fit, RobustFit, TargetRows, fit_huber, fit_method, scale_of
+from jointstiff.solver.estimation.fit import Fit, RobustFit, TargetRows, estimate_scale, fit_huber, fit_method
 from jointstiff.solver.estimation.method import (
     Method,
     MethodTriangles,
     Prior,
     Settings,
-    length_of_least_condition,
-    refuse_unless_posed,
-    spherical_wrist,
+    find_length_of_least_condition,
+    find_spherical_wrist,
+    refuse_missing_poses,
 )
 from jointstiff.solver.estimation.observability import Excitation, Observability
 from jointstiff.solver.estimation.solution import solve, solve_step
@@ -36,25 +36,29 @@ MAX_ITERATIONS: Final = 20
 """Maximum number of fits with K_c: each shrinks the change by the ratio of K_c to the joint stiffness,
 typically 1/1000."""
 _STILL: Final = 1e-10
-"""Relative change of the compliances still to come at which the iteration has converged."""
+"""Largest expected relative change of the compliances by further fits at which the iteration ends."""
 _FAR_BELOW: Final = 1e-4
-"""The same in standard uncertainties by the residuals: readings without noise are fitted to rounding."""
+"""Largest such change in standard uncertainties, sigma being from the residuals; for readings without noise
+the uncertainty is zero, and `_STILL` decides."""
 _SHRINKS: Final = 1e-3
-"""Least factor by which a fit is taken to shrink the change: the ratio of K_c to the joint stiffness."""
+"""Least factor by which a fit is assumed to shrink the change: the ratio of K_c to the joint stiffness."""
 SHIFT_OBSERVATIONS: Final = 4096
-"""Number of observations that show the effect of K_c."""
+"""Maximum number of observations from which the effect of neglecting K_c is estimated."""
 _LEAST_SIGMA: Final = 1e-15
-"""Rounding of a position [m], the unit of common errors where the readings are exact."""
+"""Rounding of a position [m]: sigma is at least this, so that exact readings do not divide by zero."""
 
 
 def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Estimate:
-    """Identify the joint compliances.
+    """Identify the joint compliances of a robot from measured deflections.
+
+    Returns:
+        The estimate, with intervals, verdicts and certificates.
 
     Raises:
         UnsupportedMethodError: the readings or the robot cannot support the method or weighting.
         NotObservableError: the readings determine no joint.
-        MeasurementError: an array is not what it should be.
-        SolverError: optimality could not be certified.
+        MeasurementError: an array has a wrong shape or wrong numbers, or the numbers overflow.
+        SolverError: optimality could not be certified, or the load has no balance with K_c.
     """
     refuse_unsupported(robot, measurements, settings)
     length = settings.characteristic_length if settings.weighting == "characteristic_length" else None
@@ -64,24 +68,24 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
             excitation.add(block)
         null = _require_observable(excitation).null
         of_unit_length = Method(robot, settings, 1.0)
-        length = length_of_least_condition(of_unit_length, regressor_blocks(robot, measurements), null)
+        length = find_length_of_least_condition(of_unit_length, regressor_blocks(robot, measurements), null)
     method = Method(robot, settings, length)
     first = last = _fit_once(robot, measurements, settings, method)
     iterations = 0
     if settings.complementary_stiffness:
         last, iterations = _iterate_to_convergence(robot, measurements, settings, first)
-    estimate = replace(_judge(robot, measurements, settings, last), characteristic_length=length)
+    estimate = replace(_build_estimate(robot, measurements, settings, last), characteristic_length=length)
     if settings.complementary_stiffness:
         shift: FloatArray | None = last.fit.compliance - first.fit.compliance
     else:
-        shift = _neglected_shift(robot, first, settings.prior, estimate.sigma)
+        shift = _estimate_neglected_shift(robot, first, settings.prior, estimate.sigma)
     known = estimate.estimated
     ratios = np.abs(estimate.compliance)[:, None] * first.largest_stiffness
     size = ComplementaryStiffness(
         included=settings.complementary_stiffness,
         iterations=iterations,
         largest_ratio=float(ratios[np.ix_(known, known)].max(initial=0.0)),
-        largest_shift=_in_standard_uncertainties(shift, estimate),
+        largest_shift=_largest_standardised_shift(shift, estimate),
         shift=shift,
     )
     return replace(estimate, complementary_stiffness=size)
@@ -90,9 +94,10 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
 def identify_balanced(
     robot: Robot, measurements: Measurements, settings: Settings
 ) -> tuple[Settings, Estimate]:
-    """Identify, and neglect K_c where the load has no balance with joints as soft as the readings say.
+    """Identify the compliances; if that fails with the complementary stiffness K_c, identify without K_c.
 
-    Readings in a wrong unit do that; the verdict on them says so, and that K_c is neglected.
+    With K_c the load has no balance if the joints are very soft, as readings in a wrong unit make them
+    appear. The estimate then records why K_c was neglected.
 
     Returns:
         The settings that were used, and the estimate.
@@ -114,37 +119,37 @@ def identify_balanced(
 
 
 def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Settings) -> None:
-    """Refuse what the readings or the robot cannot support, before any work is done.
+    """Refuse settings that the readings or the robot cannot support, before any work is done.
 
     Raises:
-        UnsupportedMethodError: saying what is missing.
+        UnsupportedMethodError: names what is missing and a remedy.
     """
     if settings.method != "partial_pose":
-        refuse_unless_posed(measurements)
+        refuse_missing_poses(measurements)
     if settings.method == "decoupled_partial_pose":
-        spherical_wrist(robot)
+        find_spherical_wrist(robot)
     if settings.loss != "squared" and measurements.direction is not None:
         raise UnsupportedMethodError(
-            f"loss {settings.loss} compares the lengths of residuals, which a reading along one direction "
-            "does not show",
+            f"loss {settings.loss} needs the length of each residual, which a reading along one direction "
+            "does not give",
             where="loss",
             remedy="use loss squared, or omit the readings along a direction",
         )
     weighting = settings.weighting
-    others, length = weighting != "covariance", weighting == "characteristic_length"
+    not_by_covariance, by_length = weighting != "covariance", weighting == "characteristic_length"
     for refused, why, remedy in (
         (
-            others and settings.prior is not None,
-            "has no uncertainty of a reading to weigh a prior against",
+            not_by_covariance and settings.prior is not None,
+            "does not use the uncertainty of the readings, so it cannot weigh a prior against them",
             "use weighting covariance, or omit `priors`",
         ),
         (
-            others and measurements.encoders is not None,
+            not_by_covariance and measurements.encoders is not None,
             "cannot combine encoder readings (angles) with positions (lengths)",
             "use weighting covariance, or omit the encoder readings",
         ),
         (
-            length and settings.method != "complete_pose",
+            by_length and settings.method != "complete_pose",
             f"needs rotations, which method {settings.method} does not use",
             "use weighting covariance, or method complete_pose",
         ),
@@ -155,20 +160,20 @@ def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Setti
 
 @dataclass(frozen=True, eq=False)
 class _Pass:
-    """One fit of a whole set."""
+    """One fit of all observations; with K_c several fits follow each other."""
 
-    measurements: Measurements  # as they were weighted
+    measurements: Measurements  # with the covariances by which they were weighted
     balanced: FloatArray | None  # (n,) compliances that bend the robot [rad/(N·m)]; None without K_c
-    observability: Observability  # in the unloaded configurations; the first pass settles it for all
-    triangles: MethodTriangles  # of what was fitted
+    observability: Observability  # in the unloaded configurations; later passes keep that of the first
+    triangles: MethodTriangles  # compressed rows that were fitted
     fit: Fit
     largest_stiffness: FloatArray  # (n, n) largest entries of K_c over the set, of the first pass [N·m/rad]
     robust: RobustFit | None  # weights of the readings by the Huber loss; None for the squared loss
-    targets: TargetRows | None  # rows of that loss
+    targets: TargetRows | None  # rows for the Huber loss; None for the squared loss
 
     def noise(self) -> float:
-        """Return sigma by the residuals [m]; zero where there is no freedom."""
-        return scale_of(self.fit, self.triangles.judged, None).sigma or 0.0
+        """Return sigma estimated from the residuals [m]; zero without degrees of freedom."""
+        return estimate_scale(self.fit, self.triangles.judged, None).sigma or 0.0
 
 
 def _fit_once(
@@ -178,7 +183,7 @@ def _fit_once(
     method: Method,
     before: _Pass | None = None,
 ) -> _Pass:
-    """Fit once, bent by the compliances of an earlier pass; None neglects K_c."""
+    """Fit all observations once, bent by the compliances of the pass before; None neglects K_c."""
     compliance = None if before is None else before.fit.compliance
     excitation, triangles = Excitation(robot.joint_kinds), MethodTriangles(method)
     targets = TargetRows(robot.n) if settings.loss == "huber" else None
@@ -190,7 +195,7 @@ def _fit_once(
             np.maximum(largest, np.abs(complementary_stiffness(block)).max(axis=0), out=largest)
     observability = _require_observable(excitation) if before is None else before.observability
     robust, sigma = None, measurements.sigma
-    if targets is not None:  # a scale that is not known is settled by the first pass
+    if targets is not None:  # an unknown sigma is estimated in the first pass and then kept
         robust = fit_huber(
             targets,
             observability.null,
@@ -202,13 +207,13 @@ def _fit_once(
         sigma, measurements = robust.sigma, robust.weigh(measurements)
         for block in regressor_blocks(robot, measurements, compliance):
             triangles.add(block)
-    # Each unknown that was fitted with the joints uses up a reading.
+    # Each cause's unknown that was fitted before uses up one degree of freedom.
     triangles.judged.rows -= fitted_errors(measurements).determined
     find = solve_step if before is None and settings.complementary_stiffness else solve
     fit = fit_method(triangles, observability.null, settings.constraints, find=find)
     if settings.prior is not None:
         # A prior's weight is sigma/s₀; a sigma that is not given is estimated from the readings alone.
-        sigma = scale_of(fit, triangles.judged, sigma).sigma
+        sigma = estimate_scale(fit, triangles.judged, sigma).sigma
         if not sigma:
             raise UnsupportedMethodError(
                 "weighting a prior needs sigma, which is not given and cannot be estimated from these "
@@ -222,7 +227,11 @@ def _fit_once(
 
 
 def _require_observable(excitation: Excitation) -> Observability:
-    """Return what the readings see; refuse readings that see nothing at all."""
+    """Return which joints the readings see.
+
+    Raises:
+        NotObservableError: no target moved, or the readings determine no joint.
+    """
     observability = excitation.observability()
     if not excitation.anything_moved:
         raise NotObservableError(
@@ -243,26 +252,31 @@ def _require_observable(excitation: Excitation) -> Observability:
 def _iterate_to_convergence(
     robot: Robot, measurements: Measurements, settings: Settings, first: _Pass
 ) -> tuple[_Pass, int]:
-    """Fit with K_c until the compliances that bend the robot are those that are found.
+    """Repeat the fit with K_c until the compliances that bend the robot equal the fitted compliances.
 
-    The first fit starts from the first-order effect of K_c; noise leaves nothing for a second one to find.
+    The iteration starts from a first-order estimate of the effect of K_c, so that with noisy readings a
+    single fit suffices.
 
     Returns:
-        The last fit, and how many it took after the first.
+        The last fit, and the number of fits after the first.
+
+    Raises:
+        SolverError: the iteration does not converge in `MAX_ITERATIONS` fits.
     """
-    shift = _neglected_shift(robot, first, settings.prior, measurements.sigma or first.noise())
-    at = replace(first, fit=replace(first.fit, compliance=first.fit.compliance + shift))
+    shift = _estimate_neglected_shift(robot, first, settings.prior, measurements.sigma or first.noise())
+    current = replace(first, fit=replace(first.fit, compliance=first.fit.compliance + shift))
     # A joint that nothing moves has no compliance to compare with.
     reference = np.maximum(first.observability.reference_compliance, np.finfo(np.float64).tiny)
+    # Each fit with K_c shrinks the change by about this factor, the relative effect of K_c.
     shrinks = float((np.abs(shift) / np.maximum(np.abs(first.fit.compliance), reference)).max())
     for rounds in range(1, MAX_ITERATIONS + 1):
-        last = _fit_once(robot, measurements, settings, first.triangles.method, at)
-        change = np.abs(last.fit.compliance - at.fit.compliance)
+        last = _fit_once(robot, measurements, settings, first.triangles.method, current)
+        change = np.abs(last.fit.compliance - current.fit.compliance)
         size = np.maximum(np.abs(last.fit.compliance), reference)
         uncertainty = last.noise() * np.sqrt(np.diagonal(last.fit.covariance))
         if (change * max(shrinks, _SHRINKS) <= np.maximum(_STILL * size, _FAR_BELOW * uncertainty)).all():
             return last, rounds
-        at = last
+        current = last
     raise SolverError(
         f"the iteration with the complementary stiffness did not converge: after {MAX_ITERATIONS} "
         f"fits the compliances still change by {(change / size).max():.1e} (relative)",
@@ -271,13 +285,15 @@ def _iterate_to_convergence(
     )
 
 
-def _neglected_shift(robot: Robot, neglected: _Pass, prior: Prior | None, sigma: float | None) -> FloatArray:
+def _estimate_neglected_shift(
+    robot: Robot, neglected: _Pass, prior: Prior | None, sigma: float | None
+) -> FloatArray:
     """Return the change (n,) of the compliances if K_c were included, to first order [rad/(N·m)].
 
-    The readings lose what the model left out, and the estimator is linear where bounds stay as active as
-    they are; joints at a bound stay there. Of a set beyond `SHIFT_OBSERVATIONS` as many stand for the whole,
-    evenly spread. Where loads of all directions make the observations' shares cancel, that overstates it: by
-    the root of the set's size over theirs. A prior takes part where sigma [m] is known.
+    The deflections by K_c are subtracted from the readings; the estimator is linear, and joints at a bound
+    stay there. Of a larger set `SHIFT_OBSERVATIONS` evenly spread observations are used, and the change is
+    scaled up to the whole set; where loads in all directions cancel, this overstates the change. A prior is
+    included where sigma [m] is known.
     """
     fit, part = neglected.fit, neglected.measurements.evenly(SHIFT_OBSERVATIONS)
     times = len(neglected.measurements) / len(part)
@@ -289,23 +305,25 @@ def _neglected_shift(robot: Robot, neglected: _Pass, prior: Prior | None, sigma:
     return -responses[NEGLECTED_STIFFNESS.name][:, 0] * times
 
 
-def _judge(robot: Robot, measurements: Measurements, settings: Settings, last: _Pass) -> Estimate:
-    """Give the fit its scale, its uncertainties and its verdicts.
+def _build_estimate(robot: Robot, measurements: Measurements, settings: Settings, last: _Pass) -> Estimate:
+    """Build the estimate from the last fit: sigma, uncertainties, intervals and a verdict on each joint.
 
-    A robust scale takes the place of a sigma that is not known.
+    With the Huber loss, a robust scale replaces a sigma that is unknown.
     """
     fit, robust, judged = last.fit, last.robust, last.triangles.judged
     sigma = measurements.sigma if robust is None else robust.sigma
-    scale = scale_of(fit if fit.alone is None else fit.alone, judged, sigma)
+    # With a prior, sigma comes from the fit without the prior, and chi-square from the fit with the prior.
+    scale = estimate_scale(fit if fit.alone is None else fit.alone, judged, sigma)
     if fit.alone is not None:
-        scale = replace(scale_of(fit, judged, scale.sigma), given=scale.given)
+        scale = replace(estimate_scale(fit, judged, scale.sigma), given=scale.given)
     scale = replace(scale, given=scale.given and measurements.sigma is not None)
+    # The weights of the Huber loss come from the residuals, which makes the covariance larger.
     fit = fit.inflated(1.0 if robust is None else robust.inflation)
     common = None
     if scale.sigma is not None:
         scale = replace(scale, sigma=max(scale.sigma, _LEAST_SIGMA))
-        common = _common_errors(robot, settings, last, scale.sigma or 1.0)
-        fit = fit if common is None else fit.with_common(common.responses / (scale.sigma or 1.0))
+        common = _propagate_common_errors(robot, settings, last, scale.sigma or 1.0)
+        fit = fit if common is None else fit.add_common_errors(common.responses / (scale.sigma or 1.0))
     covariance = None if scale.sigma is None else np.float64(scale.sigma) ** 2 * fit.covariance
     numbers = [fit.compliance, np.array([scale.chi_square, scale.degrees_of_freedom])]
     numbers += [] if covariance is None else [covariance]
@@ -317,7 +335,7 @@ def _judge(robot: Robot, measurements: Measurements, settings: Settings, last: _
         )
     ratios = np.full(robot.n, np.nan)
     if fit.alone is not None and settings.prior is not None and scale.sigma is not None:
-        ratios = _prior_to_data(fit.alone, settings.prior, scale.sigma)
+        ratios = _compare_prior_to_data(fit.alone, settings.prior, scale.sigma)
     chi_square, certificates = scale.chi_square, fit.certificates
     if robust is not None and last.targets is not None:
         chi_square = last.targets.chi_square(fit.compliance, sigma=robust.sigma, threshold=robust.threshold)
@@ -332,7 +350,7 @@ def _judge(robot: Robot, measurements: Measurements, settings: Settings, last: _
         ratios,
     )
     return Estimate(
-        joints=evidence.verdicts(),
+        joints=evidence.judge_joints(),
         compliance=fit.compliance,
         balanced=last.balanced,
         covariance=covariance,
@@ -350,14 +368,19 @@ def _judge(robot: Robot, measurements: Measurements, settings: Settings, last: _
     )
 
 
-def _common_errors(robot: Robot, settings: Settings, last: _Pass, sigma: float) -> CommonErrors | None:
-    """Return what a standard uncertainty of each shared error moves in the estimate; None without errors."""
+def _propagate_common_errors(
+    robot: Robot, settings: Settings, last: _Pass, sigma: float
+) -> CommonErrors | None:
+    """Return changes of the estimate by one standard uncertainty of each error shared by all observations.
+
+    None if no such error has an uncertainty. Sigma [m] is the unit of a prior.
+    """
     common = last.measurements.common_uncertainty
     errors = fitted_errors(last.measurements)
     fitted = errors.terms
     stated = {name: (common.source(name), term.prior(common)) for name, term in TERMS.items()}
     blocks = regressor_blocks(robot, last.measurements, last.balanced)
-    known = {term.name for term in fitted}  # the readings replace a statement
+    known = {term.name for term in fitted}  # an error fitted from the readings replaces a stated uncertainty
     terms = [TERMS[name] for name, (_, size) in stated.items() if any(size) and name not in known]
     if not (terms or fitted):
         return None
@@ -377,11 +400,11 @@ def _common_errors(robot: Robot, settings: Settings, last: _Pass, sigma: float) 
     return CommonErrors(by_source)
 
 
-def _prior_to_data(alone: Fit, prior: Prior, sigma: float) -> FloatArray:
-    """Return the information of the prior over that of the readings, ``s₀⁻² / (sigma² C_jj)⁻¹``.
+def _compare_prior_to_data(alone: Fit, prior: Prior, sigma: float) -> FloatArray:
+    """Return the ratio (n,) of the prior's information to the readings' for each joint.
 
-    Returns:
-        (n,) NaN where there is no prior; inf where the readings determine no more than a combination.
+    The ratio is ``s₀⁻² / (sigma² C_jj)⁻¹``; NaN for joints without a prior, and inf where the readings alone
+    determine only a combination with other joints.
     """
     variance = sigma**2 * np.diagonal(alone.covariance)
     ratio = np.where(prior.known, variance / prior.standard_uncertainty**2, np.nan)
@@ -391,8 +414,11 @@ def _prior_to_data(alone: Fit, prior: Prior, sigma: float) -> FloatArray:
     return ratio
 
 
-def _in_standard_uncertainties(shift: FloatArray | None, estimate: Estimate) -> float | None:
-    """Return the largest change of an estimate in units of its standard uncertainty, less what is assumed."""
+def _largest_standardised_shift(shift: FloatArray | None, estimate: Estimate) -> float | None:
+    """Return the largest change of a compliance in standard uncertainties; None if these are unknown.
+
+    Uncertainties that were assumed, not stated, are left out of the standard uncertainty.
+    """
     if shift is None or estimate.covariance is None:
         return None
     variance = np.diagonal(estimate.covariance)

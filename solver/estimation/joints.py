@@ -1,4 +1,4 @@
-"""The joints of a campaign identified alone: estimate, screening and gross mistake, each made once."""
+"""Identification of a campaign by a model of joints alone; each result is computed once."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from jointstiff.schemas.finding import Finding
 from jointstiff.solver.estimation.causes import (
     BetterAlternative,
     Screening,
-    better_alternative,
+    find_better_alternative,
     screen_estimate,
 )
 from jointstiff.solver.estimation.estimate import Estimate
@@ -21,25 +21,25 @@ from jointstiff.solver.mechanics.robot import Robot
 
 
 class JointsAlone:
-    """Joints of a campaign by one method and loss; each part is made when it is first needed.
+    """Identification of a campaign by a model in which only joints bend, computed when first needed.
 
     Attributes:
         robot: n joints.
         measurements: N observations.
-        stated: settings as they were stated.
+        stated: settings as the user gave them.
         noticed: findings of the integrity checks of the measurements.
     """
 
     def __init__(
         self, robot: Robot, measurements: Measurements, stated: Settings, noticed: Sequence[Finding] = ()
     ) -> None:
-        """Keep what the joints are identified from."""
+        """Keep the data of the identification; nothing is computed yet."""
         self.robot, self.measurements, self.stated = robot, measurements, stated
         self.noticed = tuple(noticed)
         self._by_loss: dict[Loss, JointsAlone] = {stated.loss: self}
 
     def with_loss(self, loss: Loss) -> JointsAlone:
-        """Return the joints by another loss; the same object by its own."""
+        """Return the identification with another loss; the same object for the present loss."""
         if loss not in self._by_loss:
             stated = replace(self.stated, loss=loss)
             self._by_loss[loss] = JointsAlone(self.robot, self.measurements, stated, self.noticed)
@@ -47,16 +47,17 @@ class JointsAlone:
 
     @cached_property
     def _identified(self) -> tuple[Settings, Estimate]:
+        """Settings that were used, and the estimate."""
         return identify_balanced(self.robot, self.measurements, self.stated)
 
     @property
     def settings(self) -> Settings:
-        """Settings that were used: as stated, or without K_c; raises as `estimate`."""
+        """Settings that were used: those given, or without K_c if K_c failed; raises as `estimate`."""
         return self._identified[0]
 
     @property
     def estimate(self) -> Estimate:
-        """Compliances with their evidence.
+        """Estimated compliances with uncertainties and certificates.
 
         Raises:
             JointstiffError: as `jointstiff.solver.estimation.identify.identify`.
@@ -65,29 +66,30 @@ class JointsAlone:
 
     @cached_property
     def screening(self) -> Screening:
-        """Tests of what the joints leave unexplained; raises as `estimate`."""
+        """Tests for causes of what the joints leave unexplained; raises as `estimate`."""
         return screen_estimate(self.robot, self.measurements, self.estimate)
 
     @cached_property
     def _alternative(self) -> BetterAlternative | None:
-        return better_alternative(self.robot, self.measurements)
+        """Mistake that would explain the readings far better; None if no mistake does."""
+        return find_better_alternative(self.robot, self.measurements)
 
-    def gross_mistake(self, estimate: Estimate) -> BetterAlternative | None:
-        """Return the mistake that would explain the readings far better than an estimate of these readings.
+    def find_gross_mistake(self, estimate: Estimate) -> BetterAlternative | None:
+        """Return the mistake in the data that would explain the readings far better; None if there is none.
 
-        Residuals within a stated noise leave nothing for a mistake to explain.
+        If the estimate's residuals are within the stated noise, no mistake is sought.
         """
-        return None if within_noise(estimate) else self._alternative
+        return None if residuals_within_noise(estimate) else self._alternative
 
     @property
     def are_sound(self) -> bool:
-        """Tell whether no gross mistake shows, behind which tests of smaller effects say nothing."""
+        """True if no gross mistake was found; with one, tests of smaller effects mean nothing."""
         if any(finding.weight == "do_not_use" for finding in self.noticed):
             return False
-        return self.gross_mistake(self.estimate) is None
+        return self.find_gross_mistake(self.estimate) is None
 
 
-def within_noise(estimate: Estimate) -> bool:
-    """Tell whether the residuals leave nothing for another explanation."""
+def residuals_within_noise(estimate: Estimate) -> bool:
+    """Return whether sigma was stated and the residuals are not larger than sigma predicts."""
     test = estimate.sigma_test
     return test is not None and test.result != "residuals_too_large"

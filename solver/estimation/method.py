@@ -39,8 +39,8 @@ from jointstiff.solver.mechanics.springs import JOINTS
 Loss = Literal["squared", "huber"]
 
 DEFAULT_THRESHOLD: Final = 2.8
-"""Default threshold in units of sigma: 95 % of good readings of three coordinates stay below (χ of three
-degrees: 2.796)."""
+"""Default threshold of the Huber loss in units of sigma, about the 95 % quantile of χ with three degrees of
+freedom, 2.796: 95 % of good readings of three coordinates stay below."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +51,8 @@ class Prior:
         RequestError: if a known joint's uncertainty is not positive and finite.
     """
 
-    mean: FloatArray  #: (n,) c₀ [rad/(N·m)]; NaN for unknown joints
-    standard_uncertainty: FloatArray  #: (n,) s₀ [rad/(N·m)], positive; inf for the same joints
+    mean: FloatArray  #: (n,) c₀ [rad/(N·m)]; NaN for joints without a prior
+    standard_uncertainty: FloatArray  #: (n,) s₀ [rad/(N·m)], positive; inf for joints without a prior
 
     def __post_init__(self) -> None:
         known = self.known
@@ -68,18 +68,18 @@ class Prior:
 
     @property
     def known(self) -> BoolArray:
-        """(n,) joints with a prior."""
+        """Table (n,): whether each joint has a prior."""
         return np.isfinite(self.mean)
 
     def in_units_of(self, sigma: float) -> Prior:
-        """Return the prior with its uncertainties in units of that of one coordinate of one reading [m]."""
+        """Return the prior with uncertainties divided by sigma, that of one coordinate of one reading [m]."""
         return Prior(self.mean, self.standard_uncertainty / sigma)
 
     def rows(self, joints: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """Return the prior as readings of p joints: ``c_j / s₀ = c₀ / s₀`` where something is known.
+        """Return the prior as rows ``c_j / s₀ = c₀ / s₀`` of least squares over p joints.
 
         Returns:
-            (k, p), and the right-hand side (k,).
+            The matrix (k, p) for the k joints with a prior, and the right-hand side (k,).
         """
         known = np.flatnonzero(self.known[joints])
         rows = np.eye(len(joints))[known] / self.standard_uncertainty[joints[known], None]
@@ -97,7 +97,7 @@ class Settings:
     confidence: float = 0.95  #: level of the intervals, between 0 and 1
     #: pairs (i, j) of joints with c_i ≤ c_j: joint i at least as stiff as joint j
     order: tuple[tuple[int, int], ...] = ()
-    #: what is known of the compliances beforehand; with weighting by covariance only
+    #: prior of the compliances; with weighting by covariance only
     prior: Prior | None = None
     loss: Loss = "squared"  #: loss of the norm of each target's whitened residual
     huber_threshold: float = DEFAULT_THRESHOLD  #: for the loss `huber`, in units of sigma
@@ -105,10 +105,10 @@ class Settings:
 
     @classmethod
     def of(cls, options: RunOptions, robot: Robot) -> Settings:
-        """Return how to identify, statements on stiffnesses turned into statements on compliances.
+        """Return the settings of a run's options, with stiffnesses converted to compliances.
 
         Raises:
-            RequestError: something about a joint that the robot does not have, or an order of the joints that
+            RequestError: an option names a joint that the robot does not have, or the order of the joints
                 contradicts itself or the bounds.
         """
         pairs = (pair for chain in options.stiffness_order for pair in pairwise(chain))
@@ -127,10 +127,10 @@ class Settings:
             method=options.method,
             weighting=options.weighting,
             characteristic_length=options.characteristic_length,
-            bounds=_bounds(options, robot, order),
+            bounds=_bounds_from_options(options, robot, order),
             confidence=options.confidence,
             order=order,
-            prior=_prior(options, robot),
+            prior=_prior_from_options(options, robot),
             loss="huber" if huber else "squared",
             huber_threshold=options.huber_threshold or DEFAULT_THRESHOLD,
             complementary_stiffness=options.complementary_stiffness == "included",
@@ -140,7 +140,7 @@ class Settings:
 
     @cached_property
     def constraints(self) -> Constraints:
-        """Return what is known of the compliances for certain.
+        """Bounds and order of the compliances.
 
         Raises:
             RequestError: if order and bounds contradict each other.
@@ -148,8 +148,8 @@ class Settings:
         return Constraints(self.bounds, self.order)
 
 
-def _bounds(options: RunOptions, robot: Robot, order: Order) -> Bounds:
-    """Return the bounds; joints with a bound, and those in an order, are positive in any case."""
+def _bounds_from_options(options: RunOptions, robot: Robot, order: Order) -> Bounds:
+    """Return the bounds of the compliances; joints in an order or with a stiffness bound are positive."""
     bounds = Bounds.positive(robot.n) if options.positive else Bounds.unconstrained(robot.n)
     lower, upper = bounds.lower.copy(), bounds.upper.copy()
     for pair in order:
@@ -161,8 +161,8 @@ def _bounds(options: RunOptions, robot: Robot, order: Order) -> Bounds:
     return Bounds(lower, upper)
 
 
-def _prior(options: RunOptions, robot: Robot) -> Prior | None:
-    """Return the prior in compliance, to first order: c₀ = 1/k₀ and s₀ = u(k₀)/k₀²."""
+def _prior_from_options(options: RunOptions, robot: Robot) -> Prior | None:
+    """Return the prior of the compliances, to first order: c₀ = 1/k₀ and s₀ = u(k₀)/k₀²; None without one."""
     if not options.priors:
         return None
     mean, uncertainty = np.full(robot.n, np.nan), np.full(robot.n, np.inf)
@@ -175,16 +175,16 @@ def _prior(options: RunOptions, robot: Robot) -> Prior | None:
 
 MIN_TARGETS = 3
 _COLLINEAR = 1e-3
-"""Least ratio of the targets' triangle, height to length: below it, rotation about the line is noise."""
+"""Least ratio of height to length of the targets' triangle: below, rotation about its long side is noise."""
 _DECADES = (-3.0, 3.0)
-"""Range of the characteristic length, powers of ten [m]."""
+"""Range of the characteristic length, as exponents of ten [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """A least-squares problem of a method."""
+    """One least-squares problem of a method; the decoupled method has two, for arm and wrist."""
 
-    joints: IndexArray  #: (p,) joints that it estimates
+    joints: IndexArray  #: (p,) joints that the stage estimates
     known: IndexArray  #: (q,) joints that an earlier stage has estimated; their deflection is subtracted
 
 
@@ -192,8 +192,8 @@ class Stage:
 class StageRows:
     """Rows of B observations in one stage."""
 
-    #: (B, r, K + 1) columns of all terms and readings; after those of the targets those of the encoders of
-    #: the stage's joints
+    #: (B, r, K + 1) columns of all terms and of the readings; rows of the targets, then those of the encoders
+    #: of the stage's joints
     fitted: FloatArray
     spread: FloatArray | None  #: (B, 3 T, K + 1) ``NᵀN`` times the targets' rows; None where N = I
 
@@ -218,33 +218,33 @@ class Method:
         self.length = 1.0 if settings.weighting == "uniform" else length
         self.stages: tuple[Stage, ...] = (Stage(joints, joints[:0]),)
         if settings.method == "decoupled_partial_pose":
-            self.centre = spherical_wrist(robot).centre
+            self.centre = find_spherical_wrist(robot).centre
             arm, wrist = joints[:-WRIST_JOINTS], joints[-WRIST_JOINTS:]
             self.stages = (Stage(arm, joints[:0]), Stage(wrist, arm))
 
     @property
     def by_covariance(self) -> bool:
-        """Return whether the rows are weighted by their covariance, as in the likelihood."""
+        """True if the rows are weighted by their covariance, as in the likelihood."""
         return self.weighting == "covariance"
 
     @property
     def is_plain(self) -> bool:
-        """Return whether the whitened readings themselves are fitted."""
+        """True if the method fits the whitened readings themselves, without a linear map."""
         return self.by_covariance and self.name == "partial_pose"
 
     def rows(self, block: RegressorBlock, whitened: Rows) -> Iterator[StageRows]:
-        """Yield the rows of each stage.
+        """Yield the rows of a block of observations in each stage, in the order of the stages.
 
         Args:
             block: B observations.
-            whitened: their rows of all terms, in units of sigma.
+            whitened: whitened rows of all terms in these observations, in units of sigma.
 
         Raises:
             UnsupportedMethodError: if the targets of an observation lie on a line, and a pose is needed.
         """
         targets, encoders = whitened.targets, whitened.encoders
         flat = targets.reshape(len(targets), -1, targets.shape[-1])
-        for stage, (N, root) in zip(self.stages, self._maps(block), strict=True):
+        for stage, (N, root) in zip(self.stages, self._stage_maps(block), strict=True):
             if N is not None:
                 fitted = N @ flat
                 spread = N.transpose(0, 2, 1) @ fitted
@@ -258,8 +258,12 @@ class Method:
                 fitted = np.concatenate([fitted, encoders[:, stage.joints]], axis=1)
             yield StageRows(fitted, spread)
 
-    def _maps(self, block: RegressorBlock) -> list[tuple[FloatArray | None, FloatArray | None]]:
-        """Return the map of each stage: of observations (B, m, 3 T) or targets (B, T, 3, 3); None for I."""
+    def _stage_maps(self, block: RegressorBlock) -> list[tuple[FloatArray | None, FloatArray | None]]:
+        """Return for each stage the linear map N of the whitened rows, as a pair with one None at least.
+
+        The first of the pair maps whole observations (B, m, 3 T), the second single targets (B, T, 3, 3); two
+        None mean the identity.
+        """
         part = block.measurements
         by_target = None
         if not self.by_covariance:
@@ -267,16 +271,16 @@ class Method:
             by_target = np.sqrt(weight)[..., None, None] * np.linalg.inv(whitener(part.covariance))
         if self.name == "partial_pose":
             return [(None, by_target)]
-        Q, R, reference = fit_displacement(block)
-        # A pose is as good as the poorest of its targets, by the weights of a robust loss.
-        poorest: FloatArray | float = 1.0
+        Q, R, reference = factorise_displacement(block)
+        # With a robust loss, a pose gets the least weight of its targets.
+        least_weight: FloatArray | float = 1.0
         if part.weight is not None:
-            poorest = np.sqrt(np.where(part.present, part.weight, 1.0).min(axis=1))[:, None, None]
+            least_weight = np.sqrt(np.where(part.present, part.weight, 1.0).min(axis=1))[:, None, None]
         if self.name == "complete_pose":
             if self.by_covariance:
                 return [(Q.transpose(0, 2, 1), None)]
             unit = np.repeat([1.0 / (self.length or 1.0), 1.0], 3)
-            return [(poorest * unit[:, None] * np.linalg.solve(R, Q.transpose(0, 2, 1)), None)]
+            return [(least_weight * unit[:, None] * np.linalg.solve(R, Q.transpose(0, 2, 1)), None)]
         centre = block.postures.to_base(np.broadcast_to(self.centre, (len(Q), 1, 3)))[:, 0]
         extrapolation = np.concatenate(
             [np.broadcast_to(np.eye(3), (len(Q), 3, 3)), -skew(centre - reference)], axis=2
@@ -284,20 +288,21 @@ class Method:
         carried = extrapolation @ np.linalg.solve(R, Q.transpose(0, 2, 1))
         if self.by_covariance:
             carried = np.linalg.qr(carried.transpose(0, 2, 1))[0].transpose(0, 2, 1)
-        return [(poorest * carried if not self.by_covariance else carried, None), (None, by_target)]
+        return [(least_weight * carried if not self.by_covariance else carried, None), (None, by_target)]
 
 
 class MethodTriangles:
-    """Triangles of a method on a measurement set, filled block by block.
+    """Compressed rows of a measurement set for each stage of a method, filled block by block.
 
     Attributes:
-        method: maps and stages.
-        judged: triangle of all readings, weighted by covariance. Whatever a method fits, it is judged on
-            these: residuals, sigma and degrees of freedom are those of the same readings.
+        method: the method with its stages.
+        judged: triangle of all readings, weighted by covariance. Residuals, sigma and degrees of freedom are
+            computed on this triangle, whatever the method fits.
         stages: triangle of each stage.
         spreads: triangle of the spread of each stage; None where the rows are weighted by covariance.
-        cross: (n, n) covariance between the readings of both stages, weighted: ``A₂ᵀΩ₂ Σ Ω₁A₁``.
-        seen_from_centre: excitation of the joints, seen from P_wrist by the decoupled method.
+        cross: (n, n) weighted covariance between the readings of the two stages: ``A₂ᵀΩ₂ Σ Ω₁A₁``.
+        seen_from_centre: excitation of the joints as the motion of the wrist centre shows it; decoupled
+            method only.
     """
 
     def __init__(self, method: Method) -> None:
@@ -311,7 +316,7 @@ class MethodTriangles:
         self.seen_from_centre = Excitation(method.joint_kinds)
 
     def add(self, block: RegressorBlock) -> None:
-        """Take in a block of observations."""
+        """Add the rows of a block of observations to all triangles."""
         part = block.measurements
         whitened = whitened_rows(block, [JOINTS], np.zeros(block.robot.n))
         self.judged.add(whitened.targets, count=int(part.coordinates.sum()))
@@ -340,19 +345,20 @@ class MethodTriangles:
         joints: IndexArray,
         prior: Prior | None = None,
     ) -> dict[str, FloatArray]:
-        """Return what one unit of each unknown of terms that are left out adds to the estimate, bounds apart.
+        """Return the bias of the estimate by one unit of each unknown of terms that the fit neglects.
 
-        The estimator is linear: it takes the columns for ``H A_term`` of compliance.
+        The estimator H is linear without bounds, so the bias is ``H A_term``.
 
         Args:
-            blocks: observations, as they were taken in.
-            terms: K unknowns together.
-            compliance: (n,) of the joints, at which errors show [rad/(N·m)].
+            blocks: the observations that were added.
+            terms: neglected terms.
+            compliance: (n,) joint compliances at which the columns of the terms are computed [rad/(N·m)].
             joints: (p,) joints that are estimated.
-            prior: as in the fit.
+            prior: prior of the fit.
 
         Returns:
-            (n, k) of each term [rad/(N·m) per unit]; zero for the other joints.
+            For each term's name the bias (n, k) by its k unknowns [rad/(N·m) per unit]; zero for joints that
+            are not estimated.
         """
         n = len(self.method.joint_names)
         moments: list[FloatArray | float] = [0.0] * len(self.stages)
@@ -373,15 +379,17 @@ class MethodTriangles:
         return dict(zip((term.name for term in terms), np.split(out, ends, axis=1), strict=True))
 
 
-def fit_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Factorise the whitened G of ``δp_X = δp_b + δφ × (P1X − b)``, b the barycentre of the targets.
+def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Factorise, as Q R, the map from a rigid displacement of the flange to the whitened target deflections.
+
+    Target X moves by ``δp_X = δp_b + δφ × (P1X − b)``, b the barycentre of the targets. The least-squares
+    displacement (δp_b, δφ) is ``R⁻¹ Qᵀ W d`` with covariance ``(Rᵀ R)⁻¹`` in units of sigma².
 
     Args:
         block: B observations with at least three targets each.
 
     Returns:
-        Orthonormal Q (B, 3 T, 6), upper triangular R (B, 6, 6), and b (B, 3) in R0 [m]: the displacement of
-        b, then the rotation, is ``x = R⁻¹ Qᵀ W d`` of covariance ``(Rᵀ R)⁻¹`` in units of sigma².
+        Orthonormal Q (B, 3 T, 6), upper triangular R (B, 6, 6), and b (B, 3) in R0 [m].
 
     Raises:
         UnsupportedMethodError: if the targets of an observation lie on a line.
@@ -405,11 +413,11 @@ def fit_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArray, Flo
     return Q, R, reference
 
 
-def refuse_unless_posed(measurements: Measurements) -> None:
-    """Refuse observations with fewer than three targets whose three coordinates were read.
+def refuse_missing_poses(measurements: Measurements) -> None:
+    """Refuse measurements in which an observation has fewer than three targets with all coordinates read.
 
     Raises:
-        UnsupportedMethodError: naming the first such observation.
+        UnsupportedMethodError: names the first such observation.
     """
     counts = (measurements.coordinates == 3).sum(axis=1)
     poor = np.flatnonzero(counts < MIN_TARGETS)
@@ -423,11 +431,11 @@ def refuse_unless_posed(measurements: Measurements) -> None:
         )
 
 
-def spherical_wrist(robot: Robot) -> Wrist:
-    """Return the robot's wrist, which the decoupled method needs.
+def find_spherical_wrist(robot: Robot) -> Wrist:
+    """Return the robot's spherical wrist, which the decoupled method needs.
 
     Raises:
-        UnsupportedMethodError: if the robot has none, with the miss distance.
+        UnsupportedMethodError: if the robot has no spherical wrist.
     """
     wrist = find_wrist(robot)
     if wrist is None or robot.n == WRIST_JOINTS:
@@ -446,12 +454,14 @@ def spherical_wrist(robot: Robot) -> Wrist:
     return wrist
 
 
-def length_of_least_condition(method: Method, blocks: Iterable[RegressorBlock], null: BoolArray) -> float:
+def find_length_of_least_condition(
+    method: Method, blocks: Iterable[RegressorBlock], null: BoolArray
+) -> float:
     """Return the length L that minimises the condition number of the rows [A_v / L; A_ω] (Khan & Angeles).
 
-    It is the baseline that the paper compares with (method.md §3). Columns are brought to unit norm first, as
-    for the solve: otherwise the spread of the torques between arm and wrist decides, and the least condition
-    number lies at an infinite length.
+    This weighting is the baseline of the paper (method.md §3). Columns are first scaled to unit norm, as for
+    the solution: otherwise the spread of the torques between arm and wrist dominates, and the least condition
+    number is at an infinite length.
 
     Args:
         method: complete pose with a length of 1 m.
@@ -470,6 +480,7 @@ def length_of_least_condition(method: Method, blocks: Iterable[RegressorBlock], 
     linear, angular = (part.matrix[:, ~null] for part in parts)
 
     def log_condition(decade: float) -> float:
+        """Return the logarithm of the condition number for the length 10**decade [m]."""
         stacked = np.concatenate([linear / 10.0**decade, angular])
         singular = np.linalg.svd(stacked / np.linalg.norm(stacked, axis=0), compute_uv=False)
         return float(np.log(singular[0] / max(singular[-1], np.finfo(float).tiny)))

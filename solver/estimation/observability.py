@@ -16,7 +16,7 @@ from jointstiff.solver.mechanics.block import RegressorBlock
 from jointstiff.solver.text import figure
 
 NULL_COLUMN = 1e-9
-"""Norm of a column, relative to what the joint's levers allow, that counts as rounding."""
+"""Norm of a joint's column, relative to the largest norm that the joint's levers allow, that is rounding."""
 NULL_DIRECTION = 1e-7
 """Singular value of the equilibrated regressor, relative to the first, below which it counts as zero.
 
@@ -29,26 +29,30 @@ Nahvi & Hollerbach 1996)."""
 _PARTICIPATES = 1e-6
 """Component of a unit vector in a null space above which a joint belongs to a combination."""
 _MATTERS = 0.1
-"""Coefficient relative to the largest below which it is not mentioned."""
+"""Coefficient, relative to the largest one, below which a joint is not mentioned."""
 _UNSPOKEN = 0.005
-"""Coefficient that vanishes when two digits are printed."""
+"""Coefficient below which a joint is left out of a printed sum."""
 
 
 @dataclass(frozen=True, eq=False)
 class Combination:
     """Joints whose compliances appear in the readings only together."""
 
-    joints: tuple[int, ...]  #: m of them
-    #: (m − k, m) what the readings do show of them, k being the number of directions that they do not: sums
-    #: of the compliances, one a row, in reduced echelon form. Dimensionless.
+    joints: tuple[int, ...]  #: indices of the m joints
+    #: (m − k, m) weighted sums of the m compliances that the readings determine, one sum in each row, in
+    #: reduced echelon form, dimensionless; k is the number of directions that the readings do not determine
     seen: FloatArray
 
     def in_words(self, names: tuple[str, ...]) -> str:
-        """The sums that show, such as ``c(joint_4) + 0.8 c(joint_6)``."""
+        """Return the sums that the readings determine as text, such as ``c(joint_4) + 0.8 c(joint_6)``.
+
+        Args:
+            names: names of all n joints of the robot.
+        """
         return " and ".join(_sum_in_words(row, self.joints, names) for row in self.seen)
 
     def reason(self, names: tuple[str, ...]) -> str:
-        """Return why these joints have no stiffness, with the remedy."""
+        """Return why these joints have no stiffness, with the remedy; `names` are those of all joints."""
         together = ", ".join(names[joint] for joint in self.joints)
         return (
             f"only a combination of {together} is observable, {self.in_words(names)}: add postures in "
@@ -58,17 +62,17 @@ class Combination:
 
 @dataclass(frozen=True, eq=False)
 class WeakDirection:
-    """The change of the compliances that shows least."""
+    """Change of the compliances that has the least effect on the readings."""
 
-    joints: tuple[int, ...]  #: m that matter in it
-    #: (m,) change of their compliances, the largest of size 1, the first positive. Dimensionless.
+    joints: tuple[int, ...]  #: indices of the m joints with the largest part in the change
+    #: (m,) change of these joints' compliances, dimensionless: the largest of size 1, the first positive
     change: FloatArray
-    #: how many times less it shows than what shows best, each joint's column brought to unit norm: the
-    #: condition number
+    #: condition number of the columns scaled to unit norm: how many times less effect on the readings this
+    #: change has than the most visible change
     attenuation: float
 
     def in_words(self, names: tuple[str, ...]) -> str:
-        """Return which joints are hard to distinguish, and in which ratio."""
+        """Return a sentence: which joints are hard to distinguish; `names` are those of all joints."""
         together = ", ".join(names[joint] for joint in self.joints)
         change = " : ".join(f"{part:+.2g}" for part in self.change)
         return (
@@ -78,37 +82,39 @@ class WeakDirection:
         )
 
 
-def combinations(null_space: FloatArray, scale: FloatArray, columns: IndexArray) -> tuple[Combination, ...]:
-    """Split a null space into groups of joints that do not mix.
+def split_null_space(
+    null_space: FloatArray, scale: FloatArray, columns: IndexArray
+) -> tuple[Combination, ...]:
+    """Return the groups of joints whose compliances the readings show only in combination within the group.
 
     Args:
-        null_space: (k, p) orthonormal directions that the equilibrated regressor does not see.
+        null_space: (k, p) orthonormal directions without effect on the readings, for columns of unit norm.
         scale: (p,) norms of the regressor's columns, by which it was equilibrated.
         columns: (p,) the joint of each column.
     """
     if not len(null_space):
         return ()
-    # The projector onto the null space does not depend on its basis, and it is block diagonal over groups
+    # The projector onto the null space does not depend on the basis, and is block diagonal over the groups.
     linked = np.abs(null_space.T @ null_space) > _PARTICIPATES
     _, labels = connected_components(coo_array(linked), directed=False)
     involved = linked.diagonal()
     groups = [np.flatnonzero((labels == label) & involved) for label in np.unique(labels[involved])]
-    return tuple(_combination(null_space, scale, group, columns) for group in groups)
+    return tuple(_describe_combination(null_space, scale, group, columns) for group in groups)
 
 
-def _combination(
+def _describe_combination(
     null_space: FloatArray, scale: FloatArray, group: IndexArray, columns: IndexArray
 ) -> Combination:
-    """Return what the readings show of a group: the sums of compliances that no null direction changes.
+    """Return a group of joints with the sums of their compliances that the readings determine.
 
-    With the null directions ν (k, m) and k of the joints set free, a row ``w = e_i + Σ_f w_f e_f`` shows
-    if ``ν w = 0``, that is ``w_f = −ν_f⁻¹ ν_i``.
+    A sum w is determined if no null direction changes it. With the null directions ν (k, m) and k joints f
+    chosen, ``w = e_i + Σ_f w_f e_f`` and ``ν w = 0`` give ``w_f = −ν_f⁻¹ ν_i`` for each other joint i.
     """
     members = null_space[:, group]
-    values, vectors = np.linalg.eigh(members.T @ members)  # a projector: its values are 0 or 1
+    values, vectors = np.linalg.eigh(members.T @ members)  # a projector: its eigenvalues are 0 or 1
     null = vectors[:, values > 0.5].T
-    # As many independent columns as `null` (k, m) has rows: the last ones that serve, rather than the
-    # largest, so that rounding does not choose between equals
+    # Choose k independent columns of `null` (k, m): the last suitable column each time rather than the
+    # largest, so that rounding does not decide between equal columns.
     rest, pivots = null, list[int]()
     for _ in range(len(null)):
         norms = np.linalg.norm(rest, axis=0)
@@ -118,7 +124,7 @@ def _combination(
         pivots.append(last)
     free = sorted(pivots)
     bound = np.setdiff1d(np.arange(len(group)), free)
-    null = null / scale[group]  # of the compliances themselves
+    null = null / scale[group]  # from columns of unit norm to the compliances themselves
     seen = np.zeros((len(bound), len(group)))
     seen[np.arange(len(bound)), bound] = 1.0
     seen[:, free] = -np.linalg.solve(null[:, free], null[:, bound]).T
@@ -126,6 +132,7 @@ def _combination(
 
 
 def _sum_in_words(row: FloatArray, joints: tuple[int, ...], names: tuple[str, ...]) -> str:
+    """Return a weighted sum of compliances as text, such as ``c(joint_4) + 0.8 c(joint_6)``."""
     words = ""
     for part, joint in zip(row.tolist(), joints, strict=True):
         if abs(part) < _UNSPOKEN:
@@ -139,25 +146,31 @@ def _sum_in_words(row: FloatArray, joints: tuple[int, ...], names: tuple[str, ..
 
 @dataclass(frozen=True, eq=False)
 class Observability:
-    """Joints that the readings depend on."""
+    """Dependence of the readings on each joint, and excitation of each joint by the loads."""
 
-    null: BoolArray  #: (n,) joints whose columns hold no information: exact zeros up to rounding
+    null: (
+        BoolArray  #: (n,) whether the joint has no effect on the readings: its column is zero up to rounding
+    )
     #: (n,) compliance with which the joint alone, at its full lever, would explain all deflection
     #: [rad/(N·m)]
     reference_compliance: FloatArray
-    reasons: tuple[str | None, ...]  #: (n,) for null joints why, with a remedy; None for the others
-    #: (n,) norm of the joint's column over what it would be had the force pulled across the joint's lever
-    #: and the moment turned about its axis in every observation; 0 to 1
+    reasons: tuple[
+        str | None, ...
+    ]  #: (n,) for joints without effect the reason, with a remedy; None for other joints
+    #: (n,) norm of the joint's column over the largest norm possible, with the force across the joint's lever
+    #: and the moment about the joint's axis in every observation; 0 to 1
     excitation: FloatArray
-    greatest_torque: FloatArray  #: (n,) greatest torque of the load about the joint, over the set [N·m]
+    greatest_torque: (
+        FloatArray  #: (n,) greatest torque of the load about the joint over all observations [N·m]
+    )
     kinds: tuple[JointKind, ...]  #: (n,) kinds of the joints
 
 
 class Excitation:
-    """Excitation of each joint by the load, and its visibility at the targets, over a whole set.
+    """Sums over observations: how strongly the load excites each joint, and how well the targets show it.
 
-    For each joint it compares what the load and targets did with what they could have done at the same
-    levers, had the force pulled across them. These ratios need no unit and no frame.
+    For each joint the sums compare the effect of loads and targets with the largest effect possible at the
+    same levers, with the force across them. The ratios do not depend on unit or frame.
     """
 
     def __init__(self, joint_kinds: tuple[JointKind, ...]) -> None:
@@ -167,18 +180,18 @@ class Excitation:
         self._deflection = 0.0
 
     def add(self, block: RegressorBlock) -> None:
-        """Take in a block of observations, as its targets see them."""
+        """Add a block of observations, with the block's targets as the points whose motion is seen."""
         self.add_seen_from(block, block.jacobian, block.measurements.present)
 
     def add_seen_from(self, block: RegressorBlock, jacobian: FloatArray, present: BoolArray) -> None:
-        """Take in a block of observations, as other points and the joints' encoders see them.
+        """Add a block of observations, with any points, and the joints' encoders, as what is seen to move.
 
-        An encoder counts like a target on the lever on which both weigh the same.
+        An encoder counts like a target at the lever where target and encoder have the same weight.
 
         Args:
             block: B observations.
-            jacobian: (B, T, 3, n) J_v at the points [m/rad].
-            present: (B, T) which of them count.
+            jacobian: (B, T, 3, n) Jacobian J_v of the T points [m/rad].
+            present: (B, T) whether the point counts in the observation.
         """
         part = block.measurements
         force = np.linalg.norm(part.force, axis=1)[:, None]
@@ -200,11 +213,11 @@ class Excitation:
 
     @property
     def anything_moved(self) -> bool:
-        """Return whether any target moved."""
+        """True if any target moved."""
         return self._deflection > 0
 
     def observability(self) -> Observability:
-        """Judge what has come in so far."""
+        """Return the observability of the joints in all observations added so far."""
         blind = self._potential <= NULL_COLUMN**2 * self._potential.max()
         null = blind | (self._column <= NULL_COLUMN**2 * self._potential)
         potential = np.where(self._potential > 0, self._potential, np.inf)
@@ -218,8 +231,9 @@ class Excitation:
         )
 
     def _reason(self, joint: int) -> str:
+        """Return why a joint has no effect on the readings, with a remedy."""
         words = JOINT_UNITS[self._kinds[joint]]
-        # A load on the joint's own axis has no lever: it is measured against the greatest one.
+        # A load on the joint's own axis has no lever, so the greatest lever of all joints sets the limit.
         lever = max(self._lever[joint], 1e-6 * self._lever.max())
         if self._torque[joint] <= NULL_COLUMN**2 * lever:
             return f"the load never {words.loads} it: add loads that {words.load_verb} it"
@@ -230,30 +244,30 @@ class Excitation:
 class Identifiability:
     """Observability analysis of the equilibrated, weighted regressor over the observable joints."""
 
-    rank: int  #: number of directions determined
+    rank: int  #: number of directions that the readings determine
     condition_number: float  #: ratio of the extreme singular values; inf if rank deficient
     singular_values: FloatArray  #: largest first, dimensionless
-    combinations: tuple[Combination, ...]  #: groups that appear only together
+    combinations: tuple[Combination, ...]  #: groups of joints that appear only in combination
     #: least observable direction; None if the rank is not full, or every direction is well observable
     weakest: WeakDirection | None
 
     @property
     def combined(self) -> frozenset[int]:
-        """The joints that appear only in combination."""
+        """Indices of the joints that appear only in combination with others."""
         return frozenset(joint for group in self.combinations for joint in group.joints)
 
 
 class Spectrum:
-    """Singular value decomposition of a weighted regressor, its columns brought to unit norm.
+    """Singular value decomposition of a weighted regressor with columns scaled to unit norm.
 
-    One threshold decides the rank for all who ask: the verdicts, the fit and the covariance.
+    One threshold decides the rank for verdicts, fit and covariance alike.
 
     Attributes:
-        rank: number of singular values that count.
+        rank: number of singular values above the threshold.
         singular_values: (p,) largest first.
         scale: (p,) norms of the columns, 1 where a norm is zero.
-        weakest: (p,) unit vector of the least singular value, columns of unit norm.
-        null_space: (p − rank, p) orthonormal directions that the readings do not see.
+        weakest: (p,) singular vector of the least singular value, for columns of unit norm.
+        null_space: (p − rank, p) orthonormal directions without effect on the readings, likewise.
         determined: (m, p) the regressor without those directions, so that no fit follows rounding
             along them; the regressor itself where the rank is full.
         inverse: (p, m) pseudo-inverse of the regressor.
@@ -261,7 +275,7 @@ class Spectrum:
     """
 
     def __init__(self, R: FloatArray) -> None:
-        """Decompose.
+        """Decompose a regressor.
 
         Args:
             R: (m, p) weighted regressor, compressed; p may be zero.
@@ -287,15 +301,12 @@ class Spectrum:
         return float(np.linalg.norm(self.inverse[column]))
 
 
-def analyse(spectrum: Spectrum, columns: IndexArray) -> Identifiability:
-    """Return the observability of the joints from a spectrum.
+def analyse_spectrum(spectrum: Spectrum, columns: IndexArray) -> Identifiability:
+    """Return rank, condition number, combined joints and weakest direction from a spectrum.
 
     Args:
         spectrum: of the regressor of p joints.
-        columns: (p,) the joint of each column.
-
-    Returns:
-        The analysis, with joints numbered as in `columns`.
+        columns: (p,) index of the joint of each column; the result uses these indices.
     """
     singular = spectrum.singular_values
     full = spectrum.rank == len(columns)
@@ -304,26 +315,28 @@ def analyse(spectrum: Spectrum, columns: IndexArray) -> Identifiability:
         direction = spectrum.weakest
         parts = np.flatnonzero(np.abs(direction) > _MATTERS * np.abs(direction).max())
         change = direction[parts] / spectrum.scale[parts]
-        # The sign of a singular vector is arbitrary: the first joint's part counts as a rise.
+        # The sign of a singular vector is arbitrary: choose that in which the first joint's part is positive.
         change = change * (np.sign(change[0]) / np.abs(change).max())
         weakest = WeakDirection(tuple(int(columns[i]) for i in parts), change, condition)
     return Identifiability(
         rank=spectrum.rank,
         condition_number=condition,
         singular_values=singular,
-        combinations=combinations(spectrum.null_space, spectrum.scale, columns),
+        combinations=split_null_space(spectrum.null_space, spectrum.scale, columns),
         weakest=weakest,
     )
 
 
-def noise_reason(joint: int, names: tuple[str, ...], observability: Observability, uncertainty: float) -> str:
-    """Return why noise hides a joint that the readings depend on.
+def explain_noise(
+    joint: int, names: tuple[str, ...], observability: Observability, uncertainty: float
+) -> str:
+    """Return a sentence: why noise hides a joint that the readings depend on, with the remedy.
 
     Args:
-        joint: its index.
+        joint: index of the joint.
         names: of the n joints.
         observability: of the same observations.
-        uncertainty: standard uncertainty of its compliance [rad/(N·m)].
+        uncertainty: standard uncertainty of the joint's compliance [rad/(N·m)].
     """
     torque, most = observability.greatest_torque, int(np.argmax(observability.greatest_torque))
     own, other = (JOINT_UNITS[observability.kinds[j]] for j in (joint, most))
@@ -340,19 +353,18 @@ def noise_reason(joint: int, names: tuple[str, ...], observability: Observabilit
 def observability_indices(
     regressor: FloatArray, observability: Observability
 ) -> dict[ObservabilityIndex, float] | None:
-    """Return the indices over the joints that the readings see.
+    """Return the observability indices O1 to O5 of robot calibration, over the joints that the readings see.
 
-    Each column is divided by the norm that it would have had if, in every observation, the force had pulled
-    across the joint's lever and the moment had turned about its axis. As ``Σ s² ≤ p``, no index exceeds 1.
-    Borm & Menq divide by the root of the number of readings; these norms grow with it, so that readings
-    taken twice change nothing.
+    Each column is divided by the largest norm that the joint's levers allow, so ``Σ s² ≤ p``, and no index
+    exceeds 1. These norms grow with the number of readings, so that readings taken twice change nothing;
+    Borm & Menq divide by the root of that number instead.
 
     Args:
         regressor: (m, n) of all readings, weighted by their covariance, in any unit.
         observability: of the same readings.
 
     Returns:
-        The indices; None where the rank is not full.
+        The indices by name; None where the rank is not full.
     """
     visible = ~observability.null
     spectrum = Spectrum(regressor[:, visible])

@@ -26,7 +26,7 @@ Order = tuple[tuple[int, int], ...]
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """Bounds on the compliances [rad/(N·m)]; -inf and inf where there is none.
+    """Bounds on the compliances [rad/(N·m)]; -inf and inf mean that a compliance has no bound.
 
     Raises:
         RequestError: if a lower bound is not below its upper bound, or is NaN.
@@ -45,74 +45,77 @@ class Bounds:
 
     @classmethod
     def unconstrained(cls, n: int) -> Bounds:
-        """No bounds at all."""
+        """Return bounds for n compliances that constrain nothing."""
         return cls(np.full(n, -np.inf), np.full(n, np.inf))
 
     @classmethod
     def positive(cls, n: int) -> Bounds:
-        """Compliance zero or positive: no joint bends against its load."""
+        """Return bounds for n compliances that are zero or positive: no joint bends against its load."""
         return cls(np.zeros(n), np.full(n, np.inf))
 
     def select(self, columns: IndexArray) -> Bounds:
-        """The bounds of some of the parameters."""
+        """Return the bounds of some parameters, given by their indices."""
         return Bounds(self.lower[columns], self.upper[columns])
 
     def in_units(self, unit: FloatArray) -> Bounds:
-        """Return the bounds of ``x = c / unit``; units (n,) or (K, n)."""
+        """Return the bounds of the variables ``x = c / unit``, for units (n,) or (K, n)."""
         return Bounds(self.lower / unit, self.upper / unit)
 
     def support_at(self, x: FloatArray) -> Support:
-        """Return the support of a point whose parameters lie exactly on their bounds or within them."""
+        """Return for each entry of x: -1 exactly at the lower bound, 1 at the upper bound, 0 between."""
         return np.where(x == self.lower, LOWER, np.where(x == self.upper, UPPER, FREE)).astype(np.int8)
 
-    def held(self, active: Support) -> FloatArray:
-        """Return the bound of each parameter that one holds, and zero for those that are free."""
+    def values_at_bounds(self, active: Support) -> FloatArray:
+        """Return the value of each parameter that is at a bound, and zero for each free parameter."""
         return np.where(active == LOWER, self.lower, np.where(active == UPPER, self.upper, 0.0))
 
     def snap(self, x: FloatArray) -> FloatArray:
-        """Clip to the bounds and snap values within rounding of one; a certificate is computed afterwards."""
+        """Return x clipped to the bounds; values within rounding of a bound are moved onto the bound."""
         x = np.where(x - self.lower <= TOLERANCE, self.lower, x)
         return np.where(self.upper - x <= TOLERANCE, self.upper, x)
 
     def hold_exactly(self, c: FloatArray, active: Support) -> FloatArray:
-        """Undo the rounding of a scaling, so that a zero is a zero and no compliance is below it.
+        """Return compliances that satisfy the bounds exactly, after the rounding of a change of units.
 
         Args:
             c: (n,) or (K, n) compliances [rad/(N·m)]; NaN stays NaN.
-            active: of the same shape: -1 at the lower bound, 1 at the upper one, else 0.
+            active: of the same shape: -1 at the lower bound, 1 at the upper bound, else 0.
         """
-        return np.clip(np.where(active == FREE, c, self.held(active)), self.lower, self.upper)
+        return np.clip(np.where(active == FREE, c, self.values_at_bounds(active)), self.lower, self.upper)
 
     def pivot(self, active: Support, x: FloatArray, gradient: FloatArray) -> Support:
-        """Move all parameters that violate their condition: one round of block principal pivoting.
+        """Return the next support by one round of block principal pivoting (Portugal, Júdice & Vicente 1994).
 
-        A free parameter outside its bounds goes to the bound, one at a bound with a multiplier of the wrong
-        sign is freed. Rounds may cycle, which the certificate detects (Portugal, Júdice & Vicente 1994).
+        A free parameter outside its bounds goes to the bound; a parameter at a bound is freed if the sign of
+        its multiplier is wrong. Rounds may cycle; the certificate of the outcome then detects the failure.
         """
         pull = np.where(active == LOWER, gradient, np.where(active == UPPER, -gradient, 1.0))
         moved = np.where(pull < 0, FREE, active)
         return np.where(x < self.lower, LOWER, np.where(x > self.upper, UPPER, moved)).astype(np.int8)
 
     def gradient_violation(self, x: FloatArray, gradient: FloatArray) -> FloatArray:
-        """Return the gradient's part of the wrong sign at a bound, and all of it off the bounds."""
+        """Return by how much each entry of the gradient violates optimality at x; negative for no violation.
+
+        Off the bounds the gradient should vanish; at a bound only the wrong sign is a violation.
+        """
         at_upper_or_free = np.where(x >= self.upper, gradient, np.abs(gradient))
         return np.asarray(np.where(x <= self.lower, -gradient, at_upper_or_free), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
 class Inequalities:
-    """Linear inequalities ``matrix @ c ≥ least`` besides the bounds."""
+    """Linear inequalities ``matrix @ c ≥ least`` in addition to the bounds."""
 
     matrix: FloatArray  #: (k, n), no row of zeros
-    least: FloatArray  #: (k,)
+    least: FloatArray  #: (k,) right-hand sides
 
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
     """Bounds on the compliances and an order among them.
 
-    The bounds of what is constructed are tight: each is reached by some c that satisfies all constraints,
-    as ``c_i ≤ c_j`` hands the lower bound of i on to j, and the upper one of j to i.
+    The constructor tightens the bounds by the order: ``c_i ≤ c_j`` makes the lower bound of i a lower bound
+    of j, and the upper bound of j an upper bound of i. So some c within all constraints reaches each bound.
 
     Raises:
         RequestError: if the order goes round in a circle, or contradicts the bounds.
@@ -124,7 +127,7 @@ class Constraints:
     def __post_init__(self) -> None:
         if not self.order:
             return
-        below = self._below()
+        below = self._implied_order()
         if below.diagonal().any():
             raise RequestError(
                 "`stiffness_order` contradicts itself: the chains of joints form a cycle",
@@ -144,7 +147,7 @@ class Constraints:
 
     @property
     def inequalities(self) -> Inequalities | None:
-        """The order as rows ``c_j − c_i ≥ 0``; None if there is none."""
+        """The order as inequalities ``c_j − c_i ≥ 0``; None if no order was given."""
         if not self.order:
             return None
         pairs = np.array(self.order)
@@ -152,24 +155,26 @@ class Constraints:
         return Inequalities(identity[pairs[:, 1]] - identity[pairs[:, 0]], np.zeros(len(pairs)))
 
     def select(self, columns: IndexArray) -> Constraints:
-        """Return the constraints on some joints (p,), ascending, while the others are free."""
-        below = self._below()[np.ix_(columns, columns)]
-        below &= ~(below @ below)  # what follows from others is left out
+        """Return the constraints on some joints (p,), given by ascending indices; others are left out."""
+        below = self._implied_order()[np.ix_(columns, columns)]
+        below &= ~(below @ below)  # drop pairs that follow from other pairs
         order = tuple((int(i), int(j)) for i, j in np.argwhere(below))
         return Constraints(self.bounds.select(columns), order)
 
-    def given(self, joints: IndexArray, compliance: FloatArray, others: IndexArray) -> Constraints:
-        """Return the constraints on other joints once some are known: the order becomes a bound.
+    def fix_joints(self, joints: IndexArray, compliance: FloatArray, others: IndexArray) -> Constraints:
+        """Return the constraints on the other joints when the compliances of some joints are fixed.
+
+        An order between a fixed and another joint becomes a bound of the other joint.
 
         Args:
-            joints: (q,) that are known.
-            compliance: (q,) of these joints [rad/(N·m)].
-            others: (p,) ascending.
+            joints: (q,) indices of the fixed joints.
+            compliance: (q,) compliances of the fixed joints [rad/(N·m)].
+            others: (p,) ascending indices of the other joints.
 
         Raises:
-            RequestError: if the known joints leave another no room.
+            RequestError: if no compliance of another joint satisfies all constraints.
         """
-        below = self._below()
+        below = self._implied_order()
         lower, upper = self.bounds.lower.copy(), self.bounds.upper.copy()
         for joint, value in zip(joints.tolist(), compliance.tolist(), strict=True):
             lower[below[joint]] = np.maximum(lower[below[joint]], value)
@@ -183,29 +188,29 @@ class Constraints:
             )
         return Constraints(Bounds(lower, upper), self.order).select(others)
 
-    def hold(self, compliance: FloatArray) -> BoolArray:
-        """Return whether compliances (..., n) satisfy them all: (...)."""
+    def are_satisfied_by(self, compliance: FloatArray) -> BoolArray:
+        """Return whether compliances (..., n) satisfy all constraints, as an array (...) of booleans."""
         inside = ((self.bounds.lower <= compliance) & (compliance <= self.bounds.upper)).all(axis=-1)
         for i, j in self.order:
             inside &= compliance[..., i] <= compliance[..., j]
         return np.asarray(inside)
 
-    def level(self, compliance: FloatArray, tied: BoolArray) -> FloatArray:
-        """Make the compliances of tied pairs equal to the last digit.
+    def equalise_tied(self, compliance: FloatArray, tied: BoolArray) -> FloatArray:
+        """Return the compliances (n,) with tied pairs made exactly equal.
 
         Args:
-            compliance: (n,) in which they are equal up to rounding [rad/(N·m)].
-            tied: (k,) which pairs of the order are.
+            compliance: (n,) compliances; those of tied pairs are equal up to rounding [rad/(N·m)].
+            tied: (k,) whether the joints of each pair of the order are tied to equality.
         """
         value = compliance.copy()
         pairs = [pair for pair, equal in zip(self.order, tied.tolist(), strict=True) if equal]
-        for _ in pairs:  # the least value reaches all that are tied to it in as many rounds as there are ties
+        for _ in pairs:  # each round carries the least value of a chain of ties at least one tie further
             for i, j in pairs:
                 value[i] = value[j] = min(value[i], value[j])
         return np.clip(value, self.bounds.lower, self.bounds.upper)
 
-    def _below(self) -> BoolArray:
-        """(n, n) whether c_i ≤ c_j follows from the order."""
+    def _implied_order(self) -> BoolArray:
+        """Return a table (n, n): whether c_i ≤ c_j follows from the order (its transitive closure)."""
         n = len(self.bounds.lower)
         below = np.zeros((n, n), dtype=np.bool_)
         for i, j in self.order:
@@ -226,7 +231,7 @@ class IdentificationProblem:
     R: FloatArray  #: (m, n) compressed, weighted regressor; every column has a positive norm
     z: FloatArray  #: (m,) compressed, weighted deflections
     bounds: Bounds  #: bounds of the n compliances
-    inequalities: Inequalities | None = None  #: inequalities that hold besides, or None
+    inequalities: Inequalities | None = None  #: further inequalities, or None
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.R).all() and np.isfinite(self.z).all()):
@@ -239,7 +244,7 @@ class IdentificationProblem:
 
     @cached_property
     def column_norms(self) -> FloatArray:
-        """(n,) norms of the columns of R, which equilibrate it."""
+        """Norms (n,) of the columns of R, by which R is scaled to unit columns."""
         largest = np.abs(self.R).max(axis=0, initial=0.0)
         # Scaled first: the squares of a column in other units may under- or overflow.
         safe = np.where(largest > 0, largest, 1.0)
@@ -254,12 +259,12 @@ class Scaled:
     b: FloatArray  #: (m,) unit norm, or zero
     bounds: Bounds  #: bounds of the n variables
     B: FloatArray  #: (k, n) rows of unit norm; k = 0 without inequalities
-    d: FloatArray  #: (k,)
+    d: FloatArray  #: (k,) right-hand sides of the inequalities
     unit: FloatArray  #: (n,) units of the variables, ``c = unit · x`` [rad/(N·m)]
 
     @classmethod
     def of(cls, problem: IdentificationProblem) -> Scaled:
-        """Equilibrate a problem."""
+        """Return a problem scaled so that columns, rows of B and right-hand side have unit norm."""
         size = float(np.linalg.norm(problem.z)) or 1.0
         unit = size / problem.column_norms
         B, d = np.zeros((0, len(unit))), np.zeros(0)
@@ -273,7 +278,7 @@ class Scaled:
 
     @cached_property
     def rows(self) -> tuple[FloatArray, FloatArray]:
-        """``G x ≥ h``: rows (k, n) of unit norm for the bounds, then for the inequalities, and h (k,)."""
+        """All constraints as ``G x ≥ h``: G (k, n), rows of bounds before inequalities, and h (k,)."""
         lower, upper = self.bounds.lower, self.bounds.upper
         below, above = np.isfinite(lower), np.isfinite(upper)
         identity = np.eye(len(lower))
@@ -287,16 +292,16 @@ class Scaled:
         return np.asarray(self.A.T @ (self.A @ x - self.b))
 
     def tight_rows(self, x: FloatArray, slack: float = TOLERANCE) -> BoolArray:
-        """Return which rows (k,) hold with equality up to a slack relative to the variables; to rounding."""
+        """Return which rows (k,) of the constraints hold with equality at x, up to a relative slack."""
         G, h = self.rows
         return np.asarray(G @ x - h <= slack * max(1.0, float(np.abs(x).max())))
 
     def multipliers_at(self, x: FloatArray, slack: float = TOLERANCE) -> FloatArray:
-        """Return the multipliers (k,) of the rows, none negative, that best balance the gradient.
+        """Return the multipliers (k,) ≥ 0 of the constraints that best balance the gradient at x.
 
         Args:
             x: (n,) a point.
-            slack: relative to the variables, beyond which a row has none; rounding if not given.
+            slack: rows with more slack than this, relative to the variables, have multiplier zero.
         """
         from scipy.optimize import nnls
 
@@ -306,14 +311,17 @@ class Scaled:
         if tight.any():
             try:
                 multipliers[tight] = nnls(G[tight].T, self.gradient(x))[0]
-            except RuntimeError:  # it gave up: without multipliers nothing is certified
+            except RuntimeError:  # no convergence: zero multipliers make the certificate fail, as it should
                 return multipliers
         return multipliers
 
-    def polished(self, active: Support, near: FloatArray | None = None) -> FloatArray:
-        """Solve least squares on the support, the others at their bounds; nearest to `near`, or shortest."""
+    def solve_on_support(self, active: Support, near: FloatArray | None = None) -> FloatArray:
+        """Return the least-squares point (n,) with all active variables fixed at their bounds.
+
+        Where the optimum is not unique, the point nearest to `near` is returned, or the shortest one if None.
+        """
         free = active == FREE
-        x = self.bounds.held(active)
+        x = self.bounds.values_at_bounds(active)
         if near is not None:
             x[free] = near[free]
         if free.any():
@@ -321,23 +329,26 @@ class Scaled:
             x[free] += np.linalg.lstsq(self.A[:, free], rhs, rcond=_NO_DIRECTION)[0]
         return x
 
-    def pivoted(self, active: Support) -> FloatArray:
-        """Return the polished point of a support that pivoting no longer changes, or of its last round."""
-        x = self.polished(active)
+    def solve_by_pivoting(self, active: Support) -> FloatArray:
+        """Return the least-squares point (n,) reached by pivoting from a support; not certified.
+
+        Pivoting ends when the support no longer changes, or after `MOST_PIVOTS` rounds.
+        """
+        x = self.solve_on_support(active)
         for _ in range(MOST_PIVOTS):
             moved = self.bounds.pivot(active, x, self.gradient(x))
             if (moved == active).all():
                 break
             active = moved
-            x = self.polished(active)
+            x = self.solve_on_support(active)
         return x
 
-    def polished_on_rows(self, active: BoolArray, near: FloatArray) -> FloatArray:
-        """Solve least squares on the face where the active rows hold with equality, nearest to a point.
+    def solve_on_rows(self, active: BoolArray, near: FloatArray) -> FloatArray:
+        """Return the least-squares point (n,) at which the active rows of the constraints hold with equality.
 
         Args:
-            active: (k,) rows that hold with equality.
-            near: (n,) decides where the optimum is not unique.
+            active: (k,) whether each row holds with equality.
+            near: (n,) point; where the optimum is not unique, the optimum nearest to it is returned.
         """
         G, h = self.rows
         rows, values = G[active], h[active]
@@ -348,8 +359,8 @@ class Scaled:
             rank = int((singular > _NO_DIRECTION * singular[0]).sum())
             x = x + Vt[:rank].T @ ((U[:, :rank].T @ (values - rows @ x)) / singular[:rank])
             along = Vt[rank:].T
-        # Twice: rows that are nearly parallel may have taken x far away, and the first step leaves its
-        # rounding.
+        # Two steps: nearly parallel rows may have moved x far away, and the second step removes the rounding
+        # that the first one leaves.
         for _ in range(2 if along.shape[1] else 0):
             step = np.linalg.lstsq(self.A @ along, self.b - self.A @ x, rcond=_NO_DIRECTION)[0]
             x = x + along @ step

@@ -27,7 +27,7 @@ from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.identify import refuse_unsupported
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Method, Settings
-from jointstiff.solver.estimation.observability import NULL_COLUMN, Excitation, Spectrum, analyse
+from jointstiff.solver.estimation.observability import NULL_COLUMN, Excitation, Spectrum, analyse_spectrum
 from jointstiff.solver.estimation.problem import Bounds, IdentificationProblem
 from jointstiff.solver.estimation.solution import solve_batch, solve_step
 from jointstiff.solver.estimation.stack import Stack
@@ -53,25 +53,25 @@ class StageStack:
     diagonal entry of a sum of Gram matrices is the share of the full set's information on that column.
     """
 
-    joints: IndexArray  #: (p,) the joints that it estimates
+    joints: IndexArray  #: (p,) the joints that the stage estimates
     known: IndexArray  #: (q,) joints that an earlier stage has estimated; their deflection is subtracted
     stack: Stack  #: N configurations, p + q columns of unit length
     unit: FloatArray  #: (p + q,) unit of the scaled parameters x, ``c = unit · x`` [rad/(N·m)]
 
     def total(self, weights: FloatArray) -> FloatArray:
-        """``Σ_i w_ki M_iᵀM_i`` (K, p + q + 1, p + q + 1) for the weights (K, N)."""
+        """Return the Gram matrices ``Σ_i w_ki M_iᵀM_i`` (K, p + q + 1, p + q + 1) for weights w (K, N)."""
         return np.asarray(np.einsum("kn,nij->kij", weights, self.stack.grams))
 
 
 @dataclass(frozen=True, eq=False)
 class MethodStacks:
-    """A method on a measurement set, ready to be fitted to any of its N configurations."""
+    """Rows of a method on a measurement set, ready to fit any subset of the N configurations."""
 
     parameters: int  #: n, number of joints
     stages: tuple[StageStack, ...]  #: stages of the method, in the order in which they are solved
-    visible: IndexArray  #: (v,) the joints that leave a trace in the full set
+    visible: IndexArray  #: (v,) joints that have an effect on the readings of the full set
     #: (v, 3, M) regressor of the M readings of all targets in all configurations, axes of R0 [m/(rad/(N·m))];
-    #: compensation is judged on these whatever a method fits
+    #: compensation is computed from these readings, whatever the method fits
     regressor: FloatArray
     deflection: FloatArray  #: (3, M) deflection of the same readings, axes of R0 [m]
 
@@ -79,13 +79,13 @@ class MethodStacks:
         return len(self.stages[0].stack)
 
     def compensation(self, compliance: FloatArray) -> FloatArray:
-        """``1 − mean‖δp − δp̂‖ / mean‖δp‖`` over all readings (method.md §6).
+        """Return the compensation ``1 − mean‖δp − δp̂‖ / mean‖δp‖`` over all readings (method.md §6).
 
         Args:
-            compliance: (K, n) [rad/(N·m)].
+            compliance: (K, n) compliances of K repetitions [rad/(N·m)].
 
         Returns:
-            (K,) dimensionless; NaN where a visible joint has no number.
+            (K,) dimensionless; NaN where the compliance of a visible joint is NaN.
         """
         moved = np.linalg.norm(self.deflection, axis=0).mean()
         left = np.empty(len(compliance))
@@ -101,13 +101,13 @@ class MethodStacks:
 def method_stacks(
     robot: Robot, measurements: Measurements, settings: Settings, estimate: Estimate
 ) -> MethodStacks:
-    """Compute the blocks of a method on a set that was identified by it.
+    """Compute the rows of a method on a measurement set, for fits of subsets.
 
     Args:
         robot: n joints.
         measurements: N observations.
-        settings: method, weighting and K_c; all else plays no part.
-        estimate: of the full set: its characteristic length, if the weighting uses one, and the compliances
+        settings: method, weighting and K_c are used; other settings are ignored.
+        estimate: of the full set by the same method; gives the characteristic length and the compliances
             that bend the robot, so that the rows are linear.
     """
     method = Method(robot, settings, estimate.characteristic_length)
@@ -123,7 +123,9 @@ def method_stacks(
     seen = ~excitation.observability().null
     visible = np.flatnonzero(seen)
     stages = (
-        _stage_stack(np.concatenate(rows), stage.joints[seen[stage.joints]], stage.known[seen[stage.known]])
+        _build_stage_stack(
+            np.concatenate(rows), stage.joints[seen[stage.joints]], stage.known[seen[stage.known]]
+        )
         for stage, rows in zip(method.stages, zip(*fitted, strict=True), strict=True)
         if seen[stage.joints].any()
     )
@@ -143,20 +145,20 @@ _SECONDS_A_READING: Final = 2.5e-8
 
 
 class Draws:
-    """The draws of a run of joints alone, in steps of about `STEP_SECONDS`."""
+    """Resampling of a model of joints alone, divided into steps of about `STEP_SECONDS`."""
 
     unit = "resamples"
     activity = "resampling"
 
     def __init__(self, joints: JointsAlone, plan: Resampling) -> None:
-        """Check that draws can be made.
+        """Check that the plan suits the measurements and settings.
 
         Args:
-            joints: whose whole set the draws are parts of.
-            plan: what is drawn.
+            joints: identification of the whole set, from which the configurations are drawn.
+            plan: size and number of the draws.
 
         Raises:
-            UnsupportedMethodError: the readings cannot support the method, or it is not linear in them.
+            UnsupportedMethodError: the readings cannot support the method, or the fit is not linear in them.
             RequestError: a draw is larger than the set.
         """
         count = len(joints.measurements)
@@ -172,29 +174,37 @@ class Draws:
 
     @cached_property
     def _blocks(self) -> MethodStacks:
+        """Rows of the method on the whole set."""
         joints = self._joints
         return method_stacks(joints.robot, joints.measurements, joints.settings, joints.estimate)
 
     def steps(self) -> tuple[tuple[int, int], ...]:
-        """Return the first repetition of each step, and one past its last."""
+        """Return for each step the range of repetitions: the first, and one past the last."""
         readings = int(self._joints.measurements.present.sum())
         seconds = _SECONDS_A_REPETITION + _SECONDS_A_READING * readings
         size, count = max(1, int(STEP_SECONDS / seconds)), self._plan.repetitions
         return tuple((start, min(start + size, count)) for start in range(0, count, size))
 
     def compute(self, span: tuple[int, int]) -> dict[str, FloatArray]:
-        """Fit some of the draws.
+        """Fit the repetitions in a range (first, one past the last).
+
+        Returns:
+            `compliance` (K, n) [rad/(N·m)] and `compensation` (K,) of the K repetitions.
 
         Raises:
-            JointstiffError: as the identification of the whole set does.
+            JointstiffError: the identification of the whole set fails.
         """
         found = resample(self._blocks, self._plan, self._joints.settings.bounds, *span)
         return {"compliance": found.compliance, "compensation": found.compensation}
 
     def statistics(self, parts: Sequence[Mapping[str, FloatArray]]) -> ResamplingResult:
-        """Return what the draws come to, of the joints that the whole set shows."""
+        """Return the statistics over all repetitions; NaN for joints not observable in the whole set.
+
+        Args:
+            parts: results of `compute`, in the order of the steps.
+        """
         found = self._joints.estimate.joints
-        return summarise(
+        return summarise_resamples(
             Resamples.concatenate([Resamples(part["compliance"], part["compensation"]) for part in parts]),
             [joint.name for joint in found],
             kinds=[joint.kind for joint in found],
@@ -204,10 +214,10 @@ class Draws:
 
 
 def refuse_nonlinear(settings: Settings) -> None:
-    """Sums over configurations serve every draw only where no draw changes the rows.
+    """Refuse settings that resampling does not support, because its fits are sums over configurations.
 
     Raises:
-        UnsupportedMethodError: a loss or a model that is not linear in the readings.
+        UnsupportedMethodError: the loss is not squared, or there are priors or an order.
     """
     if settings.loss != "squared":
         raise UnsupportedMethodError(
@@ -223,29 +233,30 @@ def refuse_nonlinear(settings: Settings) -> None:
         )
 
 
-def _stage_stack(rows: FloatArray, joints: IndexArray, known: IndexArray) -> StageStack:
+def _build_stage_stack(rows: FloatArray, joints: IndexArray, known: IndexArray) -> StageStack:
+    """Return the stack of one stage, columns scaled to unit length, from rows (N, r, n + 1) of all joints."""
     chosen = rows[..., [*joints, *known, -1]]
     read = np.full(len(rows), rows.shape[1])
-    stack, norms = Stack(chosen, read, {"joints": len(joints), "known": len(known)}).of_unit_columns()
+    stack, norms = Stack(chosen, read, {"joints": len(joints), "known": len(known)}).scale_to_unit_columns()
     return StageStack(joints, known, stack, norms[-1] / norms[:-1])
 
 
 def draws_of(plan: Resampling, configurations: int, start: int, stop: int) -> IndexArray:
-    """Draw the configurations of some of the repetitions.
+    """Draw the configurations for a range of repetitions, reproducibly from the seed.
 
     With u the table ``np.random.default_rng(seed).random((repetitions, N))``, repetition r draws the
     configurations at the m least numbers of row r; with replacement it draws ⌊N u⌋ of the first m.
 
     Args:
         plan: number m of configurations in a draw, at most N, and seed.
-        configurations: N, from which to draw.
+        configurations: N, the number of configurations to draw from.
         start: first repetition.
-        stop: one past the last.
+        stop: one past the last repetition.
 
     Returns:
         (stop − start, m) indices of configurations.
     """
-    # One number of the generator makes one of the table, so a row is reached without those above.
+    # The generator makes one number for each entry of the table, so `advance` skips the rows above.
     generator = np.random.Generator(np.random.PCG64(plan.seed).advance(start * configurations))
     table = generator.random((stop - start, configurations))
     if plan.replacement:
@@ -257,18 +268,18 @@ def draws_of(plan: Resampling, configurations: int, start: int, stop: int) -> In
 class Resamples:
     """Estimates of K repetitions.
 
-    A joint has no number, but NaN, where it leaves no trace in what was drawn, where it shows there only
-    in combination with others, or where the deflection of such joints cannot be distinguished from its own.
+    A joint's compliance is NaN where the drawn configurations do not determine it: the joint has no effect on
+    their readings, or only in combination with other joints, or is confounded with such joints.
     """
 
     compliance: FloatArray  #: (K, n) optimum [rad/(N·m)]; NaN where undetermined
     #: (K,) ``1 − mean‖δp − δp̂‖ / mean‖δp‖`` over all N configurations, drawn or not; NaN where a joint
-    #: that they show is undetermined
+    #: that is visible in the full set is undetermined
     compensation: FloatArray
 
     @classmethod
     def concatenate(cls, parts: Sequence[Resamples]) -> Resamples:
-        """Join parts, at least one, in the given order."""
+        """Return the repetitions of all parts, at least one, in the given order."""
         return cls(
             np.concatenate([part.compliance for part in parts]),
             np.concatenate([part.compensation for part in parts]),
@@ -278,17 +289,17 @@ class Resamples:
 def resample(
     blocks: MethodStacks, plan: Resampling, bounds: Bounds, start: int = 0, stop: int | None = None
 ) -> Resamples:
-    """Fit the repetitions from start to stop.
+    """Draw and fit the repetitions from start to stop.
 
     Args:
-        blocks: of the method, weighting and measurement set.
-        plan: what is drawn.
+        blocks: rows of the method on the measurement set.
+        plan: size, number and seed of the draws.
         bounds: on all n compliances.
         start: first repetition.
-        stop: one past the last; all to the end if None.
+        stop: one past the last repetition; None for the end of the plan.
 
     Returns:
-        Their estimates, each certified, in order.
+        Estimates of these repetitions, each certified, in order.
 
     Raises:
         SolverError: if optimality of an estimate could not be certified.
@@ -311,7 +322,7 @@ def fit_subsets(blocks: MethodStacks, weights: FloatArray, bounds: Bounds) -> Fl
     """Fit subsets of the configurations, stage by stage.
 
     Args:
-        blocks: of the method, weighting and measurement set.
+        blocks: rows of the method on the measurement set.
         weights: (K, N) how often each configuration counts in each subset.
         bounds: on all n compliances.
 
@@ -329,9 +340,10 @@ def fit_subsets(blocks: MethodStacks, weights: FloatArray, bounds: Bounds) -> Fl
 
 
 def _solve_stage(stage: StageStack, weights: FloatArray, known: FloatArray, bounds: Bounds) -> FloatArray:
-    """Compliances (K, p) of a stage's joints, given those that are known (K, q) [rad/(N·m)].
+    """Return the compliances (K, p) of a stage's joints in K subsets [rad/(N·m)]; NaN where undetermined.
 
-    ``h = A_jᵀ d − A_jᵀ A_k c_k``, with A_j the columns of the joints and A_k those of the known ones.
+    The right-hand side is ``A_jᵀ d − A_jᵀ A_k c_k``, with A_j the columns of the stage's joints and A_k the
+    columns of joints whose compliances c_k, `known` (K, q), an earlier stage has estimated.
     """
     p = len(stage.joints)
     unit, offset = stage.unit[:p], known / stage.unit[p:]
@@ -348,12 +360,18 @@ def _solve_stage(stage: StageStack, weights: FloatArray, known: FloatArray, boun
     pending[fit] = ~solution.certified
     for k in np.flatnonzero(pending):
         drawn = np.repeat(np.arange(weights.shape[1]), weights[k].astype(np.intp))
-        x[k] = _solve_rows(stage, drawn, offset[k], box)
+        x[k] = _solve_from_rows(stage, drawn, offset[k], box)
     return bounds.hold_exactly(x * unit, box.support_at(x))
 
 
-def _solve_rows(stage: StageStack, drawn: IndexArray, offset: FloatArray, box: Bounds) -> FloatArray:
-    """One repetition from its rows, as `solver.estimation.fit` would: QR, rank, `solve_step`.
+def _solve_from_rows(stage: StageStack, drawn: IndexArray, offset: FloatArray, box: Bounds) -> FloatArray:
+    """Fit one repetition from its rows, where its Gram matrix is too ill-conditioned.
+
+    Args:
+        stage: rows of all configurations.
+        drawn: indices of the drawn configurations, repeated as often as they were drawn.
+        offset: (q,) scaled compliances of the joints of an earlier stage; NaN where undetermined.
+        box: bounds of the scaled parameters.
 
     Returns:
         (p,) scaled parameters, NaN where undetermined.
@@ -362,7 +380,7 @@ def _solve_rows(stage: StageStack, drawn: IndexArray, offset: FloatArray, box: B
     x = np.full(p, np.nan)
     triangle = stage.stack[drawn].triangle().R
     null = np.linalg.norm(triangle, axis=0) <= NULL_COLUMN
-    # What is not known of an earlier joint does no harm where that joint leaves no trace, either.
+    # An undetermined joint of an earlier stage does no harm if it has no effect on these rows either.
     offset = np.where(null[p:-1] & np.isnan(offset), 0.0, offset)
     columns = np.flatnonzero(~null[:p])
     if np.isnan(offset).any() or not len(columns):
@@ -370,12 +388,12 @@ def _solve_rows(stage: StageStack, drawn: IndexArray, offset: FloatArray, box: B
     R, z = triangle[:, columns], triangle[:, -1] - triangle[:, p:-1] @ offset
     spectrum = Spectrum(R)
     solution = solve_step(IdentificationProblem(spectrum.determined, z, box.select(columns)))
-    combined = np.isin(columns, list(analyse(spectrum, columns).combined))
+    combined = np.isin(columns, list(analyse_spectrum(spectrum, columns).combined))
     x[columns] = np.where(combined, np.nan, solution.compliance)
     return x
 
 
-def summarise(
+def summarise_resamples(
     resamples: Resamples,
     joints: Sequence[str],
     *,
@@ -383,23 +401,23 @@ def summarise(
     hidden: BoolArray | None = None,
     confidence: float = 0.95,
 ) -> ResamplingResult:
-    """Summarise resamples: statistics of each joint over the repetitions that determine it.
+    """Return statistics of each joint over the repetitions that determine the joint, and of compensation.
 
     Args:
         resamples: K repetitions, at least one.
         joints: names of the n joints.
-        kinds: of the joints; all revolute if None.
-        hidden: (n,) joints that the whole set does not show: they get no numbers.
+        kinds: revolute or prismatic, for each joint; all revolute if None.
+        hidden: (n,) whether a joint is not observable in the whole set; such a joint gets no statistics.
         confidence: share of the repetitions within the percentile intervals, between 0 and 1.
     """
     draws = np.where(False if hidden is None else hidden, np.nan, resamples.compliance)
     undetermined = np.isnan(draws)
     determined = np.maximum((~undetermined).sum(axis=0), 1)
     columns = [c[~np.isnan(c)] for c in draws.T]
-    compliance, c_deviation, c_interval = _statistics(columns, confidence)
-    stiffness, k_deviation, _ = _statistics([1.0 / c[c != 0] for c in columns], confidence)
+    compliance, c_deviation, c_interval = _summarise_samples(columns, confidence)
+    stiffness, k_deviation, _ = _summarise_samples([1.0 / c[c != 0] for c in columns], confidence)
     compensation = resamples.compensation[~np.isnan(resamples.compensation)]
-    explained, e_deviation, e_interval = _statistics([compensation], confidence)
+    explained, e_deviation, e_interval = _summarise_samples([compensation], confidence)
     of_joints = rows(
         ResampledJoint,
         name=joints,
@@ -425,10 +443,10 @@ def summarise(
     return result
 
 
-def _statistics(
+def _summarise_samples(
     samples: Sequence[FloatArray], confidence: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return mean (k,), standard deviation (k,) and percentile interval (k, 2) of samples; NaN of too few."""
+    """Return mean (k,), standard deviation (k,) and percentile interval (k, 2) of k samples, or NaN."""
     tail = (1.0 - confidence) / 2.0
     mean, deviation, interval = np.full(len(samples), np.nan), np.full(len(samples), np.nan), []
     for k, values in enumerate(samples):

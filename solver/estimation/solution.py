@@ -35,7 +35,7 @@ from jointstiff.solver.estimation.problem import (
 )
 
 LEAST_EIGENVALUE: Final = 1e-6
-"""Largest condition of an equilibrated Gram matrix: rounding of 1e-16 in its entries grows to 1e-10 in the
+"""Least eigenvalue of an equilibrated Gram matrix: rounding of 1e-16 in the entries grows to 1e-10 in the
 answer."""
 _ROUNDING: Final = 64 * np.finfo(float).eps
 """Rounding of a gradient, relative to the largest variable."""
@@ -70,7 +70,7 @@ class Certificate:
 
 
 def greatest_violations(stages: Sequence[Certificate]) -> StagesCertificate:
-    """Combine the certificates of the stages of a method, at least one."""
+    """Return one certificate for all stages, at least one, of a method: the greatest violations."""
     return StagesCertificate(
         primal=max(stage.primal for stage in stages),
         dual=max(stage.dual for stage in stages),
@@ -80,7 +80,13 @@ def greatest_violations(stages: Sequence[Certificate]) -> StagesCertificate:
 
 
 def certify(scaled: Scaled, x: FloatArray, solved_by: SupportFinder) -> Certificate:
-    """Evaluate the optimality conditions at x (n,), in equilibrated variables, found by some algorithm."""
+    """Return the certificate of a point: its violations of the optimality conditions.
+
+    Args:
+        scaled: the equilibrated problem.
+        x: (n,) the point, in equilibrated variables.
+        solved_by: algorithm that found the point; recorded in the certificate.
+    """
     gradient, size = scaled.gradient(x), max(1.0, float(np.abs(x).max()))
     if len(scaled.d):
         # Multipliers that are not negative are sought for the tight rows alone, so complementarity holds by
@@ -121,8 +127,8 @@ class Solution:
     """The optimum of an `IdentificationProblem`."""
 
     compliance: FloatArray  #: (n,) [rad/(N·m)]
-    active: Support  #: (n,) -1 where the lower bound holds it, 1 where the upper one does, else 0
-    certificate: Certificate  #: evidence that it is the optimum
+    active: Support  #: (n,) -1 at the lower bound, 1 at the upper bound, else 0
+    certificate: Certificate  #: evidence of optimality
     #: (k,) inequalities that hold with equality up to rounding; None where the problem has none
     tight: BoolArray | None = None
 
@@ -132,40 +138,50 @@ _Proposal = tuple[FloatArray, SupportFinder]
 
 
 def solve(problem: IdentificationProblem) -> Solution:
-    """Solve a problem by Clarabel, polish its answer exactly and prove it.
+    """Solve a problem by Clarabel, refine the answer by exact least squares, and certify the optimum.
 
     Returns:
-        The optimum with its certificate. Where R is rank deficient the fitted R c is unique, but c
-        is one of many; see `solver.estimation.observability`.
+        The optimum with its certificate. Where R is rank deficient, the fitted R c is unique, but c
+        is one of many optima; see `solver.estimation.observability`.
 
     Raises:
         SolverError: if no candidate satisfies the optimality conditions.
     """
     scaled = Scaled.of(problem)
-    exact = _by_least_distance(scaled) if len(scaled.d) else _by_active_set(scaled)
-    return _first_certified(problem, scaled, chain(_by_clarabel(scaled), exact))
+    exact = _propose_by_least_distance(scaled) if len(scaled.d) else _propose_by_active_set(scaled)
+    return _select_first_certified(problem, scaled, chain(_propose_by_clarabel(scaled), exact))
 
 
 def solve_step(problem: IdentificationProblem) -> Solution:
-    """Solve a problem that is one step of many, proposing its support by pivoting from plain least squares.
+    """Solve a problem as `solve` does, but faster: first propose a solution by pivoting.
 
-    It has the certificate that `solve` gives, which takes over where pivoting finds none.
+    Pivoting starts from least squares without bounds. Meant for problems solved many times, as in iterations.
+    The certificate is as strict as that of `solve`; where pivoting fails, Clarabel is tried.
 
     Raises:
         SolverError: as `solve`.
     """
     scaled = Scaled.of(problem)
     if len(scaled.d):
-        return _first_certified(problem, scaled, chain(_by_least_distance(scaled), _by_clarabel(scaled)))
-    x = scaled.pivoted(np.zeros(len(scaled.unit), dtype=np.int8))
+        return _select_first_certified(
+            problem, scaled, chain(_propose_by_least_distance(scaled), _propose_by_clarabel(scaled))
+        )
+    x = scaled.solve_by_pivoting(np.zeros(len(scaled.unit), dtype=np.int8))
     inside = bool(((x > scaled.bounds.lower) & (x < scaled.bounds.upper)).all())
     pivoted: _Proposal = x, "least_squares" if inside else "pivoting"
-    return _first_certified(problem, scaled, chain([pivoted], _by_clarabel(scaled), _by_active_set(scaled)))
+    return _select_first_certified(
+        problem, scaled, chain([pivoted], _propose_by_clarabel(scaled), _propose_by_active_set(scaled))
+    )
 
 
-def _first_certified(
+def _select_first_certified(
     problem: IdentificationProblem, scaled: Scaled, proposals: Iterable[_Proposal]
 ) -> Solution:
+    """Return the first proposed point that is certified as the optimum.
+
+    Raises:
+        SolverError: if no proposal satisfies the optimality conditions.
+    """
     certificate = Certificate(np.inf, np.inf, 0.0, np.zeros(0), "clarabel")
     for point, solved_by in proposals:
         x = scaled.bounds.snap(point)
@@ -181,43 +197,43 @@ def _first_certified(
     )
 
 
-def _by_clarabel(scaled: Scaled) -> Iterator[_Proposal]:
-    """Yield the points of the supports that Clarabel's answer tells."""
+def _propose_by_clarabel(scaled: Scaled) -> Iterator[_Proposal]:
+    """Yield points refined from Clarabel's answer: exact least squares with its active constraints."""
     from jointstiff.solver.estimation import convex  # takes a second to import
 
-    near = convex.least_squares(scaled)
+    near = convex.solve_least_squares(scaled)
     if near is None:
         return
-    if len(scaled.d):  # the rows with a multiplier among those that the answer all but touches
+    if len(scaled.d):  # active rows have a positive multiplier, and the answer nearly touches them
         rows = scaled.multipliers_at(near, _TOUCHES) > 0
         if rows[-len(scaled.d) :].any():
-            yield from _on_rows(scaled, rows, near, "clarabel")
+            yield from _propose_on_rows(scaled, rows, near, "clarabel")
             return
-        # The inequalities have slack: the answer is that without them.
+        # All inequalities have slack, so only bounds can be active.
     gradient = scaled.gradient(near)
     active = np.zeros(len(near), dtype=np.int8)  # at a bound where the multiplier exceeds the slack
     active[gradient > near - scaled.bounds.lower] = LOWER
     active[-gradient > scaled.bounds.upper - near] = UPPER
-    yield scaled.pivoted(active), "clarabel"
+    yield scaled.solve_by_pivoting(active), "clarabel"
     # Where the optimum is not unique, the shortest point may violate a bound that Clarabel's point keeps.
-    yield scaled.polished(active, near), "clarabel"
+    yield scaled.solve_on_support(active, near), "clarabel"
 
 
-def _by_active_set(scaled: Scaled) -> Iterator[_Proposal]:
-    """Find the support under bounds alone by bounded-variable least squares (Stark & Parker 1995)."""
+def _propose_by_active_set(scaled: Scaled) -> Iterator[_Proposal]:
+    """Yield the solution under bounds alone by bounded-variable least squares (Stark & Parker 1995)."""
     from scipy.optimize import lsq_linear
 
     bounds = scaled.bounds.lower, scaled.bounds.upper
     outcome = lsq_linear(scaled.A, scaled.b, bounds=bounds, method="bvls", tol=1e-15)
-    yield scaled.polished(np.asarray(outcome.active_mask, dtype=np.int8)), "active_set"
+    yield scaled.solve_on_support(np.asarray(outcome.active_mask, dtype=np.int8)), "active_set"
 
 
-def _by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
-    """Find the rows (k,) that are tight at the optimum, unless A has not full rank, or it failed.
+def _propose_by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
+    """Yield the optimum under inequalities by least-distance programming; nothing if A lacks full rank.
 
     The problem is turned into one of least distance, whose dual is a non-negative least-squares problem that
     ends after finitely many steps (Lawson & Hanson 1974, chapter 23). With A = Q R and w = R x − Qᵀb the rows
-    are ``G R⁻¹ w ≥ h − G R⁻¹ Qᵀ b =: g``, and w is wanted of least length: NNLS on ``E = [(G R⁻¹)ᵀ; gᵀ]``
+    are ``G R⁻¹ w ≥ h − G R⁻¹ Qᵀ b =: g``, and the w of least length is sought: NNLS on ``E = [(G R⁻¹)ᵀ; gᵀ]``
     with right-hand side (0, …, 0, 1) has its multipliers.
     """
     from scipy.optimize import nnls
@@ -236,16 +252,20 @@ def _by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
         multipliers, _ = nnls(E / scale, target)
     except RuntimeError:
         return
-    yield from _on_rows(scaled, multipliers > 0, np.zeros(len(scaled.unit)), "least_distance")
+    yield from _propose_on_rows(scaled, multipliers > 0, np.zeros(len(scaled.unit)), "least_distance")
 
 
-def _on_rows(scaled: Scaled, active: BoolArray, near: FloatArray, name: SupportFinder) -> Iterator[_Proposal]:
-    """Polish on the active rows, then also on those left out that hold up to rounding, and pull.
+def _propose_on_rows(
+    scaled: Scaled, active: BoolArray, near: FloatArray, name: SupportFinder
+) -> Iterator[_Proposal]:
+    """Yield two exact least-squares points, on rows that hold with equality.
 
-    The second comes first; it asks too much where a tiny variable holds a large one to its rounding.
+    The second point holds only the given active rows (k,) with equality. The first also holds rows which the
+    second reaches up to rounding, with a positive multiplier; where variables differ very much in size, that
+    may be too many rows.
     """
-    x = scaled.polished_on_rows(active, near)
-    yield scaled.polished_on_rows(scaled.multipliers_at(x) > 0, x), name
+    x = scaled.solve_on_rows(active, near)
+    yield scaled.solve_on_rows(scaled.multipliers_at(x) > 0, x), name
     yield x, name
 
 
@@ -254,32 +274,31 @@ class BatchSolution:
     """The optima of K problems over n parameters."""
 
     compliance: FloatArray  #: (K, n) [rad/(N·m)]; NaN where not certified
-    active: Support  #: (K, n) -1 where the lower bound holds it, 1 where the upper one does, else 0
-    #: (K,) whether the optimality conditions hold to `TOLERANCE`. False means that the Gram matrix is
-    #: singular or too ill-conditioned to answer.
+    active: Support  #: (K, n) -1 at the lower bound, 1 at the upper bound, else 0
+    #: (K,) whether the optimality conditions hold to `TOLERANCE`; False where the Gram matrix is singular or
+    #: too ill-conditioned to solve
     certified: BoolArray
 
 
 def solve_batch(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> BatchSolution:
     """Solve K problems ``minimise cᵀ G c − 2 hᵀ c subject to lower ≤ c ≤ upper``, with G = AᵀA and h = Aᵀd.
 
-    The Gram matrix squares the condition number, so it is used only where it can answer to about nine
-    digits; whoever has the rows goes back to them for the rest. As in `solve_step` no answer leaves without a
-    certificate, and where pivoting does not find it, `solve_step` does, one problem at a time.
+    A Gram matrix squares the condition number, so only problems that keep about nine digits are solved; the
+    caller solves the others from their rows. Every answer is certified; where pivoting does not find the
+    optimum, `solve_step` does, one problem at a time.
 
-    Each problem is solved by itself, by operations of its own size: its numbers do not depend, to the
-    last bit, on which others are in the batch.
+    The numbers of a problem do not depend, to the last bit, on the other problems in the batch.
 
     Args:
         gram: (K, n, n) G, symmetric, in any unit.
         moment: (K, n) h.
-        bounds: on the n parameters of every problem.
+        bounds: on the n parameters, the same for all problems.
 
     Returns:
-        The optima, certified from G and h.
+        The optima; those of ill-conditioned problems are marked as not certified.
 
     Raises:
-        SolverError: if a number is not finite, or `solve_step` finds no certificate either.
+        SolverError: if a number is not finite, or an optimum could not be certified.
     """
     if not (np.isfinite(gram).all() and np.isfinite(moment).all()):
         raise SolverError(
@@ -297,18 +316,18 @@ def solve_batch(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> BatchSo
     certified = problems.well_conditioned()
     sound = problems.select(np.flatnonzero(certified))
     x, active = np.full(moment.shape, np.nan), np.zeros(moment.shape, dtype=np.int8)
-    x[certified] = optima = sound.optima()
+    x[certified] = optima = sound.find_optima()
     active[certified] = sound.bounds.support_at(optima)
     return BatchSolution(bounds.hold_exactly(x * unit, active), active, certified)
 
 
 @dataclass(frozen=True, eq=False)
 class GramProblems:
-    """K problems in equilibrated variables: A has a unit diagonal, the greatest entry of |b| is one."""
+    """K problems by their Gram matrices, in equilibrated variables: unit diagonal of A, largest |b_i| = 1."""
 
-    A: FloatArray  #: (K, n, n)
-    b: FloatArray  #: (K, n)
-    bounds: Bounds  #: (K, n)
+    A: FloatArray  #: (K, n, n) Gram matrices
+    b: FloatArray  #: (K, n) right-hand sides of ``A x = b``, the conditions without bounds
+    bounds: Bounds  #: (K, n) bounds of the variables
 
     def select(self, which: IndexArray) -> GramProblems:
         """Return some of the problems."""
@@ -317,17 +336,17 @@ class GramProblems:
     def well_conditioned(self) -> BoolArray:
         """Return whether the eigenvalues of each Gram matrix are at least `LEAST_EIGENVALUE`: (K,).
 
-        Their diagonals are one at most, so the mean of all eigenvalues but the least is n/(n − 1) at most,
-        and ``det A ≤ λ (n/(n − 1))ⁿ⁻¹``: most need no eigenvalues.
+        The diagonal entries are one at most, so the mean of all eigenvalues but the least, λ, is at most
+        n/(n − 1), and ``det A ≤ λ (n/(n − 1))ⁿ⁻¹``: for most matrices the cheap determinant decides.
         """
         n = self.A.shape[1]
         sound = np.asarray(np.linalg.det(self.A) * (1.0 - 1.0 / n) ** (n - 1) >= LEAST_EIGENVALUE)
         sound[~sound] = np.linalg.eigvalsh(self.A[~sound])[:, 0] >= LEAST_EIGENVALUE
         return sound
 
-    def optima(self) -> FloatArray:
-        """Return the optima (K, n) of well-conditioned problems, by pivoting or else by the exact path."""
-        x = self.bounds.snap(self.pivoted())
+    def find_optima(self) -> FloatArray:
+        """Return the optima (K, n) of well-conditioned problems, by pivoting or else by `solve_step`."""
+        x = self.bounds.snap(self.solve_by_pivoting())
         # The conditions of Karush, Kuhn and Tucker at x, which keeps its bounds: the gradient vanishes off
         # the bounds, is positive at a lower bound and negative at an upper one. It is known to the rounding
         # of the terms that cancel in it.
@@ -335,20 +354,20 @@ class GramProblems:
         rounding = _ROUNDING * np.maximum(1.0, np.abs(x).max(axis=1))
         holds: BoolArray = wrong.max(axis=1) <= TOLERANCE + rounding
         for k in np.flatnonzero(~holds):
-            # Stated by a triangle R with RᵀR = A and z with Rᵀz = b
+            # The same problem as rows: a triangle R with RᵀR = A, and z with Rᵀz = b.
             factor = np.linalg.cholesky(self.A[k])
             z = np.linalg.solve(factor, self.b[k])
             bounds = Bounds(self.bounds.lower[k], self.bounds.upper[k])
             x[k] = solve_step(IdentificationProblem(factor.T, z, bounds)).compliance
         return x
 
-    def pivoted(self) -> FloatArray:
-        """Return the polished points (K, n) of the supports that pivoting no longer changes."""
+    def solve_by_pivoting(self) -> FloatArray:
+        """Return the points (K, n) at which pivoting between free and bound variables has come to rest."""
         points, active = np.empty(self.b.shape), np.zeros(self.b.shape, dtype=np.int8)
         unsettled, part = np.arange(len(active)), self
         for _ in range(MOST_PIVOTS):
             side = active[unsettled]
-            points[unsettled] = x = part.polished(side)
+            points[unsettled] = x = part.solve_on_support(side)
             moved = part.bounds.pivot(side, x, part.gradient(x))
             changed = (moved != side).any(axis=1)
             unsettled = unsettled[changed]
@@ -356,21 +375,22 @@ class GramProblems:
             if not len(unsettled):
                 return points
             part = self.select(unsettled)
-        points[unsettled] = part.polished(active[unsettled])
+        points[unsettled] = part.solve_on_support(active[unsettled])
         return points
 
-    def polished(self, active: Support) -> FloatArray:
-        """Solve least squares on each support: rows and columns at a bound become those of the unit matrix.
+    def solve_on_support(self, active: Support) -> FloatArray:
+        """Return the least-squares points (K, n) whose active variables are fixed at their bounds.
 
-        The eigenvalues of what is left lie between those of A, so no system is singular.
+        Rows and columns of fixed variables become those of the unit matrix. The eigenvalues of the other
+        rows and columns lie between those of A, so no system is singular.
         """
         free = active == FREE
-        at_bounds = self.bounds.held(active)
+        at_bounds = self.bounds.values_at_bounds(active)
         system = np.where(free[:, :, None] & free[:, None, :], self.A, np.eye(free.shape[1]))
         right = np.where(free, -self.gradient(at_bounds), at_bounds)
         x = np.linalg.solve(system, right[:, :, None])[:, :, 0]
         return np.where(free, x, at_bounds)
 
     def gradient(self, x: FloatArray) -> FloatArray:
-        """Return A x − b (K, n), summed without BLAS, whose order of summation may depend on threads."""
+        """Return the gradients A x − b (K, n) without BLAS, whose order of summation depends on threads."""
         return np.asarray((self.A * x[:, None, :]).sum(axis=2) - self.b)

@@ -14,18 +14,18 @@ from itertools import accumulate, pairwise
 import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.estimation.triangle import Triangle, basis, unit_columns
+from jointstiff.solver.estimation.triangle import Triangle, orthonormal_basis, unit_columns
 from jointstiff.solver.mechanics.block import RegressorBlock, Rows, Term, whitened_rows
 
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """Rows of N observations, their columns by the names of their terms, K together."""
+    """Rows of N observations; their K columns belong to named terms, and a last column holds the readings."""
 
     #: (N, m, K + 1) [A d] in units of sigma, the readings' own column last; zero where nothing was read
     rows: FloatArray
-    read: IndexArray  #: (N,) number of coordinates that were read
-    widths: dict[str, int]  #: number of columns of each term, in their order
+    read: IndexArray  #: (N,) number of coordinates that were read in each observation
+    widths: dict[str, int]  #: number of columns of each term, by the term's name, in the order of the columns
 
     @classmethod
     def of(
@@ -35,13 +35,13 @@ class Stack:
         compliance: FloatArray,
         weigh: Callable[..., Rows] = whitened_rows,
     ) -> Stack:
-        """Collect the rows of the targets.
+        """Build the stack of the targets' rows; rows of encoders are left out.
 
         Args:
             blocks: N observations of T targets.
-            terms: what may have moved the targets.
-            compliance: (n,) of the joints, at which errors show [rad/(N·m)].
-            weigh: `whitened_rows`, or `rows_of` for equal weights.
+            terms: effects that may have moved the targets; each gives some columns.
+            compliance: (n,) joint compliances at which the columns are computed [rad/(N·m)].
+            weigh: function that builds the rows: `whitened_rows`, or `rows_of` for equal weights.
         """
         parts, read, widths = [], [], dict[str, int]()
         for block in blocks:
@@ -55,56 +55,66 @@ class Stack:
         return len(self.rows)
 
     def __getitem__(self, part: IndexArray | BoolArray | slice) -> Stack:
-        """Return some observations, in the given order; one may be given several times."""
+        """Return the stack of some observations, in the given order; an observation may be repeated."""
         return replace(self, rows=self.rows[part], read=self.read[part])
 
     def without(self, observation: int) -> Stack:
-        """Return all observations but one."""
+        """Return the stack without one observation, given by its index."""
         return self[np.delete(np.arange(len(self)), observation)]
 
     @property
     def flat(self) -> FloatArray:
-        """Rows of all observations as one matrix, N m by K + 1; the readings are its last column."""
+        """Rows of all observations as one matrix (N m, K + 1); the readings are its last column."""
         return self.rows.reshape(-1, self.rows.shape[-1])
 
     @property
     def span(self) -> dict[str, IndexArray]:
-        """Return the columns of each term."""
+        """Indices of each term's columns, by the term's name."""
         ends = accumulate(self.widths.values(), initial=0)
         return {name: np.arange(*part) for name, part in zip(self.widths, pairwise(ends), strict=True)}
 
     @cached_property
     def grams(self) -> FloatArray:
-        """(N, K + 1, K + 1) ``M_iᵀ M_i``: what each observation tells."""
+        """Gram matrices (N, K + 1, K + 1) ``M_iᵀ M_i`` of the rows of each observation i."""
         return np.asarray(self.rows.mT @ self.rows)
 
     @property
-    def grams_since(self) -> FloatArray:
-        """(N, K + 1, K + 1) sums of the Gram matrices of each observation and all after it."""
+    def trailing_gram_sums(self) -> FloatArray:
+        """Sums (N, K + 1, K + 1): entry i adds the Gram matrices of observation i and all later ones."""
         return np.asarray(np.cumsum(self.grams[::-1], axis=0)[::-1])
 
     def triangle(self) -> Triangle:
-        """Compress all rows."""
+        """Return the triangular factor of all rows."""
         triangle = Triangle(**self.widths)
         triangle.add(self.rows, count=int(self.read.sum()))
         return triangle
 
-    def of_unit_columns(self) -> tuple[Stack, FloatArray]:
-        """Return the stack with columns of unit length over all observations, and their lengths (K + 1,)."""
+    def scale_to_unit_columns(self) -> tuple[Stack, FloatArray]:
+        """Return the stack with every column scaled to unit length, and the original lengths (K + 1,)."""
         unit, length = unit_columns(self.flat)
         return replace(self, rows=unit.reshape(self.rows.shape)), length
 
     def in_units(self, units: Mapping[str, float]) -> Stack:
-        """Return the stack with the unknowns of some terms in other units."""
+        """Return the stack with columns multiplied by the new units of their unknowns.
+
+        Args:
+            units: new unit, in the present unit, of the unknowns of each term that is named.
+        """
         unit = np.ones(self.rows.shape[-1])
         for name, size in units.items():
             unit[self.span[name]] = size
         return replace(self, rows=self.rows * unit)
 
     def left_by(self, names: Sequence[str]) -> Stack:
-        """Project some terms out of the others and of the readings; the columns of these terms go."""
+        """Return the stack with the named terms projected out of all other columns, and removed.
+
+        A fit to the result equals a fit in which the named terms are free.
+        """
         chosen = np.concatenate([self.span[name] for name in names])
-        known, left = basis(unit_columns(self.flat[:, chosen])[0]), np.delete(self.flat, chosen, axis=1)
+        known, left = (
+            orthonormal_basis(unit_columns(self.flat[:, chosen])[0]),
+            np.delete(self.flat, chosen, axis=1),
+        )
         left = left - known @ (known.T @ left)
         widths = {name: width for name, width in self.widths.items() if name not in names}
         return replace(self, rows=left.reshape(*self.rows.shape[:2], -1), widths=widths)

@@ -20,20 +20,20 @@ from jointstiff.solver.arrays import FloatArray
 _LEAF = 256
 """Rows of the smallest QR, so small that BLAS starts no threads for up to 32 joints."""
 INDEPENDENT: Final = 1e-6
-"""Least singular value of unit columns that counts for more than rounding."""
+"""Least singular value of unit columns that is more than rounding."""
 DISTINCT: Final = 1e-2
-"""Least singular value of a load's unit columns, the joints' projected out: below, the size is the load's
-own."""
+"""Least singular value of a load's unit columns, with the joints' columns projected out, at which the
+readings can distinguish the load from the joints."""
 _NULL: Final = 1e-9
-"""Length of a column, relative to the longest, that is rounding."""
+"""Length of a column, relative to the longest column, up to which the column is rounding."""
 _RESOLUTION: Final = 1e-7
 """Residual [m] of a coordinate below which nothing is left to explain."""
 
 
 def triangle_of(rows: FloatArray) -> FloatArray:
-    """Return the triangular factor of rows (m, k) by a tree of small QRs, which start no threads.
+    """Return the triangular factor (k, k) of rows (m, k), k columns, computed by a tree of small QRs.
 
-    Of a stack of rows (s, m, k), each as small as a leaf, it is (s, k, k).
+    Small QRs start no threads. A stack of s small matrices (s, m, k) gives s factors (s, k, k).
     """
     width = rows.shape[-1]
     leaf = max(_LEAF, 4 * width)
@@ -45,19 +45,19 @@ def triangle_of(rows: FloatArray) -> FloatArray:
 
 
 class Triangle:
-    """Triangular factor of all rows added so far, its columns by the names of their terms.
+    """Triangular factor of all rows added so far; its columns belong to named terms.
 
     Attributes:
-        R: (K + 1, K + 1) upper triangular, the readings' own column last.
-        rows: number of readings behind it.
-        span: columns of each term.
+        R: (K + 1, K + 1) upper triangular; the last column holds the readings.
+        rows: number of readings that were added.
+        span: indices of each term's columns, by the term's name.
     """
 
     def __init__(self, **widths: int) -> None:
         """Start without rows.
 
         Args:
-            widths: number of columns of each term, in their order.
+            widths: number of columns of each term, in the order of the columns.
         """
         ends = accumulate(widths.values(), initial=0)
         self.span = {name: np.arange(*part) for name, part in zip(widths, pairwise(ends), strict=True)}
@@ -66,11 +66,11 @@ class Triangle:
         self.rows = 0
 
     def add(self, rows: FloatArray, *, count: int | None = None) -> None:
-        """Take in rows.
+        """Add rows: update the triangular factor.
 
         Args:
             rows: (..., K + 1); leading dimensions are flattened.
-            count: number of readings among them, if some are padding of zeros; all if None.
+            count: number of rows that are readings, if others are padding with zeros; all if None.
         """
         flat, width = rows.reshape(-1, self.R.shape[1]), self.R.shape[1]
         if not self.rows and len(flat) >= width:
@@ -81,22 +81,22 @@ class Triangle:
 
     @property
     def matrix(self) -> FloatArray:
-        """(K + 1, K) compressed regressor."""
+        """Compressed regressor (K + 1, K): all columns but that of the readings."""
         return self.R[:, :-1]
 
     @property
     def rhs(self) -> FloatArray:
-        """(K + 1,) compressed readings."""
+        """Compressed readings (K + 1,)."""
         return self.R[:, -1]
 
     def unit_columns(self, names: Sequence[str]) -> FloatArray:
-        """Return the columns of some terms, each of unit length; zero columns stay zero."""
+        """Return the columns (K + 1, k) of the named terms, scaled to unit length; zero columns stay zero."""
         part = np.concatenate([np.zeros(0, np.intp), *(self.span[name] for name in names)])
         return unit_columns(self.R[:, part])[0]
 
     def residual_squares(self, names: Sequence[str]) -> float:
-        """Return the sum of squared residuals of some terms fitted together."""
-        known = basis(self.unit_columns(names))
+        """Return the sum of squared residuals of a fit of the named terms to the readings."""
+        known = orthonormal_basis(self.unit_columns(names))
         return float(self.rhs @ self.rhs - np.square(known.T @ self.rhs).sum())
 
     def p_values(
@@ -107,19 +107,21 @@ class Triangle:
         most: int | None = None,
         least: float = DISTINCT,
     ) -> FloatArray:
-        """Return p-values (S,) of F tests of terms added to others; 1 where the readings cannot decide.
+        """Return the p-values (S,) of F tests: does adding a term improve the fit of other terms?
+
+        The p-value is 1 where the readings cannot decide.
 
         Args:
-            names: terms that are tested, each by itself.
+            names: the S terms that are tested, each one alone.
             fitted: terms that are fitted in any case.
-            most: largest number of a term's leading combinations that are tested; all if None.
-            least: singular value of its unit columns, the others projected out, above which a combination
-                counts.
+            most: largest number of a term's leading singular directions that are tested; all if None.
+            least: directions are tested if their singular value exceeds this; the values are those of the
+                tested term's unit columns after the fitted terms have been projected out.
         """
-        known, tested = basis(self.unit_columns(fitted)), self.unit_columns(names)
+        known, tested = orthonormal_basis(self.unit_columns(fitted)), self.unit_columns(names)
         d = self.rhs - known @ (known.T @ self.rhs)
         left = tested - known @ (known.T @ tested)
-        columns = side_by_side(
+        columns = stack_padded(
             np.split(left, np.cumsum([len(self.span[name]) for name in names])[:-1], axis=1)
         )
         U, s, _ = np.linalg.svd(columns, full_matrices=False)
@@ -133,17 +135,19 @@ class Triangle:
         return np.where(testable, special.fdtrc(np.maximum(width, 1), np.maximum(freedom, 1), ratio), 1.0)
 
     def rank(self, names: Sequence[str], least: float) -> int:
-        """Return how many combinations of terms the readings show by more than a singular value."""
-        return int(basis(self.unit_columns(names), least).shape[1])
+        """Return the rank of the named terms' unit columns: the number of singular values above `least`."""
+        return int(orthonormal_basis(self.unit_columns(names), least).shape[1])
 
     def left_by(self, names: Sequence[str], least: float) -> Triangle:
-        """Project some terms out of the others and of the readings; the columns of these terms go.
+        """Return the triangle with the named terms projected out of all other columns, and then removed.
+
+        A fit to the result equals a fit in which the named terms are free.
 
         Args:
             names: terms that are projected out.
-            least: singular value of their unit columns above which a combination counts.
+            least: singular value of their unit columns above which a direction is projected out.
         """
-        known = basis(self.unit_columns(names), least)
+        known = orthonormal_basis(self.unit_columns(names), least)
         others = {name: len(columns) for name, columns in self.span.items() if name not in names}
         left = self.R[:, np.concatenate([*(self.span[name] for name in others), [self.R.shape[1] - 1]])]
         triangle = Triangle(**others)
@@ -155,11 +159,12 @@ class Triangle:
 
         Args:
             names: terms that are fitted, k unknowns together.
-            others: (K,) unknowns of all terms; those of the fitted ones are zero.
-            least: singular value of unit columns above which a combination counts; the others stay zero.
+            others: (K,) known values of the unknowns of all other terms; zero for the fitted terms.
+            least: singular value of unit columns above which a direction is fitted; the unknowns' part in
+                all other directions stays zero.
 
         Returns:
-            (k,) unknowns.
+            (k,) fitted unknowns.
         """
         unit, length = unit_columns(self.R[:, np.concatenate([self.span[name] for name in names])])
         U, s, Vt = np.linalg.svd(unit, full_matrices=False)
@@ -168,13 +173,13 @@ class Triangle:
         return np.asarray(Vt[seen].T @ (along / s[seen]) / length)
 
     def given(self, deviation: FloatArray, variance: float) -> Given:
-        """Fit all terms together with what is known of their unknowns before any reading.
+        """Fit all terms by least squares with a Gaussian prior of mean zero on every unknown.
 
-        What is known is a row of its own: unknown k, in units of its standard uncertainty, was read as zero.
+        The prior enters as one more row for each unknown: the unknown over its standard uncertainty is zero.
 
         Args:
-            deviation: (K,) standard uncertainty of each unknown; one of 0 stays zero.
-            variance: of a reading, in the unit of the rows.
+            deviation: (K,) prior standard uncertainty of each unknown; 0 keeps the unknown at zero.
+            variance: variance of one reading, in the squared unit of the rows.
         """
         M = np.vstack([self.matrix * deviation, np.sqrt(variance) * np.eye(len(deviation))])
         x, *_ = np.linalg.lstsq(M, np.concatenate([self.rhs, np.zeros(len(deviation))]), rcond=None)
@@ -183,15 +188,15 @@ class Triangle:
         return Given(deviation * x, np.sqrt(variance) * deviation[:, None] * inverse, left)
 
     def fit_with(self, names: Sequence[str], known: str = "joints") -> FittedWith:
-        """Fit terms together with one that is certain to act, by least squares without bounds.
+        """Fit the named terms together with a term that certainly acts, by least squares without bounds.
 
-        Combinations of the terms' unknowns that the known one explains as well are zero.
+        Directions of the named terms that the certain term, `known`, explains equally well stay zero.
         """
         columns, d = self.R[:, self.span[known]], self.R[:, -1]
         unit, length = unit_columns(self.R[:, np.concatenate([self.span[name] for name in names])])
         known_unit, scale = unit_columns(columns)
-        there = basis(known_unit)
-        U, s, Vt = np.linalg.svd(unit - there @ (there.T @ unit), full_matrices=False)
+        certain = orthonormal_basis(known_unit)
+        U, s, Vt = np.linalg.svd(unit - certain @ (certain.T @ unit), full_matrices=False)
         distinct = s > DISTINCT
         root = Vt[distinct].T / s[distinct]
         step = root @ (U[:, distinct].T @ d)
@@ -201,42 +206,43 @@ class Triangle:
 
 
 class Given(NamedTuple):
-    """Least squares of K unknowns of stated uncertainty."""
+    """Result of least squares for K unknowns that have a prior."""
 
-    unknowns: FloatArray  #: (K,)
+    unknowns: FloatArray  #: (K,) fitted values
     root: FloatArray  #: (K, K); its product with the transpose is their covariance
     squares: float  #: sum of the squared residuals of the readings
 
 
 class FittedWith(NamedTuple):
-    """Least squares of p unknowns of a term and K of others, fitted together, in units of sigma."""
+    """Result of least squares for p unknowns of a certain term and K of other terms, in units of sigma."""
 
-    known: FloatArray  #: (p,) of the joints, if no other term was named
-    unknowns: FloatArray  #: (K,)
+    known: FloatArray  #: (p,) unknowns of the certain term: the joints, unless another term was named
+    unknowns: FloatArray  #: (K,) unknowns of the other terms
     root: FloatArray  #: (K, r); its product with the transpose is the covariance of the unknowns
-    hidden: FloatArray  #: (K, K - r) combinations of them that the known term explains as well
+    hidden: FloatArray  #: (K, K - r) directions of these unknowns that the certain term explains equally well
 
 
 def unit_columns(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return columns (m, k) of unit length, and their lengths (k,); zero columns stay, with a length of 1."""
+    """Return columns (m, k) scaled to unit length, and their lengths (k,); a zero column has length 1."""
     length = np.linalg.norm(columns, axis=0)
     length = np.where(length > 0.0, length, 1.0)
     return columns / length, length
 
 
-def side_by_side(parts: Sequence[FloatArray]) -> FloatArray:
-    """Return columns (m, k_s) of S terms as (S, m, k), those of narrower ones filled up by zeros."""
+def stack_padded(parts: Sequence[FloatArray]) -> FloatArray:
+    """Return the columns (m, k_s) of S terms as one array (S, m, k), padded with zero columns."""
     width = max(part.shape[-1] for part in parts)
     out = np.zeros((len(parts), len(parts[0]), width))
-    for each, part in zip(out, parts, strict=True):
-        each[:, : part.shape[-1]] = part
+    for padded, part in zip(out, parts, strict=True):
+        padded[:, : part.shape[-1]] = part
     return out
 
 
-def nonnegative(columns: FloatArray, rhs: FloatArray) -> tuple[FloatArray, float]:
-    """Return the least squares of columns (m, k) with unknowns (k,) ≥ 0, and the residual's length.
+def solve_nonnegative(columns: FloatArray, rhs: FloatArray) -> tuple[FloatArray, float]:
+    """Solve least squares of rhs (m,) on columns (m, k) with unknowns ≥ 0.
 
-    The unknowns of columns that are rounding relative to the longest stay zero.
+    Returns the unknowns (k,) and the length of the residual. Unknowns of columns that are rounding, relative
+    to the longest column, stay zero.
     """
     length = np.linalg.norm(columns, axis=0)
     seen = length > _NULL * length.max(initial=0.0)
@@ -245,7 +251,7 @@ def nonnegative(columns: FloatArray, rhs: FloatArray) -> tuple[FloatArray, float
     return x / unit, float(left)
 
 
-def basis(columns: FloatArray, least: float = INDEPENDENT) -> FloatArray:
-    """Return an orthonormal basis of what columns tell by more than a singular value, largest first."""
+def orthonormal_basis(columns: FloatArray, least: float = INDEPENDENT) -> FloatArray:
+    """Return an orthonormal basis (m, r) of the span of columns (m, k): singular vectors above `least`."""
     U, s, _ = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(U[:, s > least])

@@ -67,10 +67,10 @@ from jointstiff.solver.geometry.poses import (
     Axis,
     IdentifiedAxes,
     Motion,
-    by_small_motion,
+    build_right_handed_frame,
     chain_axes,
     minimise,
-    right_handed,
+    motion_matrix,
     transformed,
 )
 from jointstiff.solver.geometry.sweeps import STILL, SweptAxes
@@ -89,8 +89,8 @@ _MEETING = 5.0  # standard uncertainties of the distance of axes 1 and 2 below w
 _COLLINEAR = 1e-3  # least width of targets over their length, below which they are on a line
 
 
-def common_feet(first: Axis, second: Axis) -> tuple[FloatArray, FloatArray]:
-    """Return the feet (3,) of the common perpendicular of two axes, on each of them [m]."""
+def find_common_perpendicular_feet(first: Axis, second: Axis) -> tuple[FloatArray, FloatArray]:
+    """Return where the common perpendicular of two axes meets the first and the second (3,) [m]."""
     a, b = first.direction, second.direction
     between = second.point - first.point
     cosine = float(a @ b)
@@ -104,7 +104,8 @@ def perpendicular_frame(axes: Sequence[Axis], frame: Literal["base", "flange"]) 
 
     Args:
         axes: at model angle zero, base first.
-        frame: to be defined by it: `base` takes axis 1 and the next, `flange` the last and the one before.
+        frame: `base` takes axis 1 as main axis and axis 2 as the other, `flange` the last axis and the axis
+            before the last.
 
     Raises:
         MeasurementError: there are fewer than two axes, or they are nearly parallel.
@@ -126,29 +127,32 @@ def perpendicular_frame(axes: Sequence[Axis], frame: Literal["base", "flange"]) 
             where="sweeps",
             remedy="give the transform explicitly; parallel axes do not define a frame",
         )
-    return right_handed(x / sine, main.direction, common_feet(main, other)[0])
+    return build_right_handed_frame(x / sine, main.direction, find_common_perpendicular_feet(main, other)[0])
 
 
 @dataclass(frozen=True, eq=False)
 class BaseFrame:
-    """R0 and the tracker's frame."""
+    """Placement of R0 in the tracker's frame by identified axes and a convention."""
 
     identified: IdentifiedAxes  #: at least two axes
     #: from the perpendicular frame of axes 1 and 2, at model angle zero, to R0: the convention
     base_from_perpendicular: pin.SE3
 
     def place(self, axes: Sequence[Axis]) -> pin.SE3:
-        """The transform from tracker to base by other axes at angle zero, by the same convention."""
+        """Return the transform from tracker to R0 by given axes at model angle zero, by this convention."""
         return self.base_from_perpendicular * perpendicular_frame(axes, "base").inverse()
 
     @cached_property
     def transform_tracker_to_base(self) -> pin.SE3:
-        """The transform by the identified axes."""
+        """Transform from the tracker's frame to R0, by the identified axes."""
         return self.place(self.identified.axes)
 
     @cached_property
     def jacobian(self) -> FloatArray:
-        """(6, 4 n + 3 T) derivative of its small motion (δ, φ) in R0 by the identified axes."""
+        """(6, 4 n + 3 T) derivative of the transform's small motion by charts of axes and by targets.
+
+        The small motion is a translation δ [m], then a rotation φ [rad], in R0.
+        """
         back = self.transform_tracker_to_base.inverse()
         return self.identified.jacobian_of(lambda axes, _: pin.log6(self.place(axes) * back).vector)
 
@@ -160,24 +164,25 @@ def find_base_frame(
 
     Args:
         identified: at least two axes.
-        nominal: model that places it; by the axes alone if None.
-        height: by the axes alone, of the foot of the common perpendicular of axes 1 and 2 above R0 [m].
+        nominal: model that places R0 relative to its own axes; None places R0 by the axes alone.
+        height: without a nominal model, height above R0 of the point where the common perpendicular of axes
+            1 and 2 meets axis 1 [m].
 
     Raises:
         MeasurementError: fewer than two axes, or nearly parallel ones.
     """
 
-    def offset(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
-        """Signed distance (1,) [m] of axis 2 from axis 1 along x of their perpendicular frame."""
+    def signed_distance(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
+        """Return the signed distance (1,) [m] of axis 2 from axis 1 along x of their perpendicular frame."""
         x = perpendicular_frame(axes, "base").rotation[:, 0]
-        first, second = common_feet(axes[0], axes[1])
+        first, second = find_common_perpendicular_feet(axes[0], axes[1])
         return np.array([(second - first) @ x])
 
     if nominal is not None:
         convention = perpendicular_frame(chain_axes(nominal)[0], "base")
     else:
-        distance = offset(identified.axes, identified.targets)[0]
-        uncertainty = np.sqrt(identified.covariance_of(offset)[0, 0])
+        distance = signed_distance(identified.axes, identified.targets)[0]
+        uncertainty = np.sqrt(identified.covariance_of(signed_distance)[0, 0])
         sign = -1.0 if distance < -_MEETING * uncertainty else 1.0
         convention = pin.SE3(np.diag([sign, sign, 1.0]), np.array([0.0, 0.0, height]))
     return BaseFrame(identified, convention)
@@ -194,7 +199,10 @@ class BaseTargets:
     where: str = "base_targets_after"  #: field of the request that has the later readings
 
     def drift(self, sigma: float, at: FloatArray) -> Drift:
-        """Fit the rigid motion ``after = R before + t`` of the base by maximum likelihood.
+        """Fit the rigid motion ``after = R before + t`` of the base, and test whether it is chance.
+
+        The fit is by maximum likelihood. The result holds the transform back, the displacement, the p-values
+        of no motion and of a rigid base, and the target that moved on its own, if one did.
 
         Args:
             sigma: standard uncertainty of a coordinate [m].
@@ -217,15 +225,15 @@ class BaseTargets:
         motion, linear = minimise(
             pin.SE3(R, after.mean(axis=0) - R @ middle),
             lambda motion: np.asarray((W @ (after - transformed(motion, before))[..., None]).ravel()),
-            lambda motion: np.asarray((W @ by_small_motion(transformed(motion, before))).reshape(-1, 6)),
+            lambda motion: np.asarray((W @ motion_matrix(transformed(motion, before))).reshape(-1, 6)),
             lambda motion, step: pin.exp6(step) * motion,
             where=self.where,
         )
         left, unmoved = linear.residual, (W @ (after - before)[..., None]).ravel()
         probability = float(special.chdtrc(6, max(float(unmoved @ unmoved) - linear.rss, 0.0)))
-        S = by_small_motion(at)
-        # Test each target alone: what leaving it out takes off the sum of squares, χ² with three numbers.
-        # With three targets a rigid motion leaves three numbers, which do not tell which one moved.
+        S = motion_matrix(at)
+        # Test each target alone: the drop in the sum of squares when the target is left out is χ² with three
+        # degrees of freedom. Three targets leave only three residual numbers, too few to find who moved.
         moved = []
         for target in range(len(before) if len(before) > 3 else 0):
             rows = slice(3 * target, 3 * target + 3)
@@ -249,7 +257,9 @@ CentreWay = Literal["sphere", "axes", "trilateration"]
 
 
 def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResult:
-    """Find the wrist centre by each way that the readings allow: by the axes alone where there is no sweep.
+    """Estimate the wrist centre in every way that the readings allow, and combine the estimates.
+
+    The ways are `axes`, `sphere` and `trilateration`; without sweeps only `axes` is possible.
 
     Args:
         identified: at least three axes.
@@ -270,19 +280,22 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
     posture, T, sigma = np.zeros(identified.n), base.transform_tracker_to_base, identified.sigma
     if isinstance(identified, SweptAxes):  # where the last sweep has the arm
         posture[:-WRIST_JOINTS] = identified.sweeps.postures[-1, :-WRIST_JOINTS]
-    by_axes, *miss = _nearest_to_axes(identified, posture)
+    by_axes, *miss = _find_point_nearest_to_axes(identified, posture)
     ways: list[tuple[CentreWay, FloatArray, FloatArray]] = [("axes", *by_axes)]
     if isinstance(identified, SweptAxes) and (sphere := fit_spheres(identified, posture[:-WRIST_JOINTS])):
         ways.append(("sphere", sphere[0], sphere[2][:3]))
-        trilaterated = _by_trilateration(identified, *sphere[1:], near=by_axes[0])
+        trilaterated = _trilaterate_all_positions(identified, *sphere[1:], near=by_axes[0])
         if trilaterated is not None:
             ways.append(("trilateration", *trilaterated))
 
-    def placed(centre: FloatArray, influence: FloatArray) -> dict[str, Any]:
-        """Return a centre (3,) with its derivative (3, m) by the whitened readings in both frames."""
+    def state_in_both_frames(centre: FloatArray, influence: FloatArray) -> dict[str, Any]:
+        """Return the fields of a `WristCentre`: place and covariance in the tracker's frame and in R0.
+
+        The centre (3,) [m] is in the tracker's frame; `influence` is its derivative (3, m) by the readings.
+        """
         there = transformed(T, centre)
-        # The influence on R0 may have further columns, of angles at rest
-        of_both = by_small_motion(there) @ base.jacobian @ base.identified.influence
+        # The influence of the readings on R0 may have further columns, for joint angles at rest.
+        of_both = motion_matrix(there) @ base.jacobian @ base.identified.influence
         of_both[:, : influence.shape[1]] += T.rotation @ influence
         return {
             "tracker": centre.tolist(),
@@ -292,17 +305,19 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
         }
 
     informations = [np.linalg.inv(sigma**2 * influence @ influence.T) for _, _, influence in ways]
-    weights = np.linalg.inv(np.sum(informations, axis=0)) @ informations  # they add up to the unit matrix
+    weights = np.linalg.inv(np.sum(informations, axis=0)) @ informations  # matrices whose sum is the identity
     weighed = list(zip(weights, ways, strict=True))
     estimates = [
-        WristCentre(way=way, weight=float(np.trace(W) / 3.0), **placed(centre, influence))
+        WristCentre(way=way, weight=float(np.trace(W) / 3.0), **state_in_both_frames(centre, influence))
         for W, (way, centre, influence) in weighed
     ]
+    # The weighted centre, then its derivative by the readings
     combined = (np.sum([W @ way[i] for W, way in weighed], axis=0) for i in (1, 2))
     distances = []
-    for (first, *one), (second, *other) in combinations(ways, 2):
-        gap, difference = one[0] - other[0], sigma * (one[1] - other[1])
+    for (first, centre_1, influence_1), (second, centre_2, influence_2) in combinations(ways, 2):
+        gap, difference = centre_1 - centre_2, sigma * (influence_1 - influence_2)
         U, singular, _ = np.linalg.svd(difference, full_matrices=False)
+        # The χ² test leaves out directions in which noise moves both estimates alike.
         seen = singular > 1e-6 * max(singular[0], 1e-300)
         statistic = float(np.sum(((U.T @ gap)[seen] / singular[seen]) ** 2))
         probability = float(special.chdtrc(int(seen.sum()), statistic))
@@ -312,7 +327,7 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
         )
     return WristResult(
         estimates=estimates,
-        combined=WristCentre(way="combined", weight=1.0, **placed(*combined)),
+        combined=WristCentre(way="combined", weight=1.0, **state_in_both_frames(*combined)),
         distances=distances,
         posture=posture.tolist(),
         miss_distance=miss[0],
@@ -322,47 +337,53 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
     )
 
 
-def _nearest_to_axes(
+def _find_point_nearest_to_axes(
     identified: IdentifiedAxes, posture: FloatArray
 ) -> tuple[tuple[FloatArray, FloatArray], float, float, float]:
     """Find the point nearest to the last three axes in a posture (n,) [rad], by generalised least squares.
 
     Returns:
         The point (3,) in the tracker's frame [m] with its derivative (3, m) by the whitened readings in units
-        of sigma; and the greatest distance of one of the axes from it [m], the uncertainty of that [m], and
-        the probability that axes which do meet are found so far apart.
+        of sigma; the greatest distance of an axis from the point [m]; the uncertainty of that distance [m];
+        and the probability that noise alone moves axes that meet so far apart.
 
     Raises:
         MeasurementError: the axes are nearly parallel.
     """
 
-    def wrist(axes: Sequence[Axis]) -> list[Axis]:
-        """The last three axes in the posture."""
+    def place_wrist_axes(axes: Sequence[Axis]) -> list[Axis]:
+        """Return the last three axes as the joints place them in the posture."""
         frames = Motion(axes, np.zeros((1, 3)), posture[None]).postures.joint_frames
         places = zip(*(part[0, -WRIST_JOINTS:] for part in frames), strict=True)
         return [Axis(pin.SE3(rotation, origin)) for rotation, origin in places]
 
-    reference = wrist(identified.axes)
+    reference = place_wrist_axes(identified.axes)
     normals = np.stack([axis.frame[:, :2].T for axis in reference])
-    rough = _nearest_point(reference, np.eye(2 * WRIST_JOINTS))
+    rough = _solve_nearest_point(reference, np.eye(2 * WRIST_JOINTS))
 
     def offsets(axes: Sequence[Axis], point: FloatArray) -> FloatArray:
-        """Offsets of axes from a point, (6,) along the normals of the reference [m]."""
+        """Return offsets (6,) [m] of three axes from a point, along two normals of each reference axis."""
         gaps = np.array([axis.nearest(point) - point for axis in axes])
         return np.asarray((normals @ gaps[..., None]).ravel())
 
-    V = identified.covariance_of(lambda axes, _: offsets(wrist(axes), rough))
+    V = identified.covariance_of(lambda axes, _: offsets(place_wrist_axes(axes), rough))
     weight = np.asarray(np.linalg.inv(V), dtype=np.float64)
-    centre = _nearest_point(reference, weight)
+    centre = _solve_nearest_point(reference, weight)
     left = offsets(reference, centre)
-    J = identified.jacobian_of(lambda axes, _: _nearest_point(wrist(axes), weight))
+    J = identified.jacobian_of(lambda axes, _: _solve_nearest_point(place_wrist_axes(axes), weight))
     probability = float(special.chdtrc(2 * WRIST_JOINTS - 3, left @ weight @ left))
     gaps = [float(np.linalg.norm(axis.nearest(rough) - rough)) for axis in reference]
     return (centre, J @ identified.influence), max(gaps), float(np.sqrt(np.trace(V) / len(V))), probability
 
 
-def _nearest_point(axes: Sequence[Axis], weight: FloatArray) -> FloatArray:
-    """Point of least weighted squares of its distances along two normals of each axis."""
+def _solve_nearest_point(axes: Sequence[Axis], weight: FloatArray) -> FloatArray:
+    """Return the point (3,) [m] nearest to three axes, by weighted least squares.
+
+    The weight (6, 6) is that of the distances along two normals of each axis.
+
+    Raises:
+        MeasurementError: the axes are nearly parallel.
+    """
     N = np.vstack([axis.frame[:, :2].T for axis in axes])
     points = np.concatenate([axis.frame[:, :2].T @ axis.point for axis in axes])
     system = N.T @ weight @ N
@@ -378,17 +399,20 @@ def _nearest_point(axes: Sequence[Axis], weight: FloatArray) -> FloatArray:
 def fit_spheres(
     identified: SweptAxes, arm: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray] | None:
-    """Fit the spheres by maximum likelihood: with the arm at rest, targets keep their distances from a point.
+    """Fit concentric spheres to the targets: their common centre is the wrist centre.
+
+    While the arm rests and wrist joints turn, each target keeps its distance from the wrist centre. The fit
+    is by maximum likelihood.
 
     Args:
         identified: for sweeps and targets.
-        arm: model angles (n - 3,) [rad]; the sweeps that leave it there are fitted.
+        arm: (n - 3,) model angles of the joints before the wrist [rad]; only sweeps at them are fitted.
 
     Returns:
-        The common centre (3,) in the tracker's frame and the radii (T,) [m], of no meaning for a target
-        without reading; the derivative (3 + T, m) of both by all whitened readings, in units of sigma; and
-        the readings (N, T) that were fitted. None if they do not determine a centre: a single sweep shows
-        only a circle.
+        The common centre (3,) in the tracker's frame [m]; the radii (T,) [m], of no meaning for a target
+        without reading; the derivative (3 + T, m) of centre and radii by all whitened readings, in units of
+        sigma; and a mask (N, T) of the readings that were fitted. None if the readings do not determine a
+        centre: a single sweep shows only a circle.
     """
     sweeps, readings = identified.sweeps, identified.sweeps.whitened
     at_rest = []
@@ -400,10 +424,10 @@ def fit_spheres(
     present = sweeps.present & np.concatenate(at_rest)[:, None]
     k, t = np.nonzero(present)
     points, member = readings.points[k, t], np.eye(present.shape[1])[t]
-    factors = np.linalg.inv(readings.weight[k, t])  # derivative of a reading by its whitened one
+    factors = np.linalg.inv(readings.weight[k, t])  # derivative of a reading by the whitened reading
 
-    def along(state: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Distances (m,) from the centre, and unit vectors (m, 3) from it."""
+    def distances_and_directions(state: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return distances (m,) of the readings from the centre, and unit vectors (m, 3) from the centre."""
         arms = points - state[:3]
         length = np.linalg.norm(arms, axis=1)
         return length, arms / length[:, None]
@@ -415,12 +439,12 @@ def fit_spheres(
     radii = np.sqrt(np.maximum(solution[3:] + solution[:3] @ solution[:3], 1e-12))
     first = np.concatenate([solution[:3] + mean, radii])
     # Weights are those of the start values: they hardly change, and the fit stays an ordinary one.
-    spread = np.linalg.norm(np.einsum("mji,mj->mi", factors, along(first)[1]), axis=1)
+    spread = np.linalg.norm(np.einsum("mji,mj->mi", factors, distances_and_directions(first)[1]), axis=1)
     try:
         state, linear = minimise(
             first,
-            lambda s: np.asarray((along(s)[0] - member @ s[3:]) / spread),
-            lambda s: np.hstack([along(s)[1], member]) / spread[:, None],
+            lambda s: np.asarray((distances_and_directions(s)[0] - member @ s[3:]) / spread),
+            lambda s: np.hstack([distances_and_directions(s)[1], member]) / spread[:, None],
             lambda s, step: np.asarray(s + step),
             where="wrist",
         )
@@ -428,7 +452,7 @@ def fit_spheres(
         return None
     if not linear.determines(slice(0, 3)):
         return None
-    by_reading = np.einsum("mji,mj->mi", factors, along(state)[1]) / spread[:, None]
+    by_reading = np.einsum("mji,mj->mi", factors, distances_and_directions(state)[1]) / spread[:, None]
     columns = np.arange(readings.points.size).reshape(readings.points.shape)
     influence = np.zeros((len(state), identified.influence.shape[1]))
     by_all = linear.pseudo_inverse[:, :, None] * by_reading
@@ -436,10 +460,22 @@ def fit_spheres(
     return state[:3], state[3:], influence, present
 
 
-def _by_trilateration(
+def _trilaterate_all_positions(
     identified: SweptAxes, radii: FloatArray, by_sphere: FloatArray, present: BoolArray, near: FloatArray
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Weighted mean over all positions with the three targets, and its influence; see `fit_spheres`."""
+    """Trilaterate the wrist centre in every position that shows the three best targets, and average.
+
+    Args:
+        identified: for readings and targets.
+        radii: (T,) distances of the targets from the centre [m], as `fit_spheres` returns them.
+        by_sphere: (3 + T, m) derivative of centre and radii by the readings, likewise.
+        present: (N, T) readings that may be used.
+        near: (3,) rough centre [m].
+
+    Returns:
+        The weighted mean (3,) [m] and its derivative (3, m) by the whitened readings; None without three
+        targets that form a triangle.
+    """
     readings = identified.sweeps.whitened
     columns = np.arange(readings.points.size).reshape(readings.points.shape)
     read = np.flatnonzero(present.any(axis=0)).tolist()
@@ -448,7 +484,7 @@ def _by_trilateration(
     areas = [float(np.linalg.norm(cross(first, second))) for first, second in sides]
     if not max(areas, default=0.0) > 0.0:
         return None
-    chosen = triples[int(np.argmax(areas))]  # they span the largest triangle
+    chosen = triples[int(np.argmax(areas))]  # the three targets that span the largest triangle
     by_radius = by_sphere[[3 + t for t in chosen]]
     total, centre, influence = np.zeros((3, 3)), np.zeros(3), np.zeros_like(by_sphere[:3])
     for k in np.flatnonzero(present[:, chosen].all(axis=1)):
@@ -481,8 +517,8 @@ def trilaterate(
         near: (3,) nominal centre, to choose between the two solutions [m].
 
     Returns:
-        The point (3,) [m], its derivative (3, 3) by the distances, and that (3, 3, 3) by the targets:
-        component, target, coordinate.
+        The point (3,) [m]; its derivative (3, 3) by the distances; and its derivative (3, 3, 3) by the
+        targets, with the indices component of the point, target, coordinate of the target.
 
     Raises:
         MeasurementError: the targets lie on a line, or no point has these distances.
@@ -565,12 +601,12 @@ class FlangeConvention:
                 where="targets",
                 remedy="choose three targets that form a triangle",
             )
-        return right_handed(x / np.linalg.norm(x), normal / np.linalg.norm(normal), points[0])
+        return build_right_handed_frame(x / np.linalg.norm(x), normal / np.linalg.norm(normal), points[0])
 
 
 @dataclass(frozen=True, eq=False)
 class IdentifiedModel:
-    """An identified robot."""
+    """Kinematic chain of an identified robot, and where the targets are on its flange."""
 
     #: its kinematics in R0, for `Robot` with the joint map of the sweeps; at angle zero all link frames are
     #: parallel to R0, with their origins on the axes
@@ -587,7 +623,7 @@ def identify_model(
     nominal: KinematicChain | None = None,
     name: str = "identified",
 ) -> IdentifiedModel:
-    """Turn axes into a kinematic chain.
+    """Turn identified axes into a kinematic chain in R0, with the targets in its flange frame.
 
     Args:
         identified: the axes at model angle zero.
@@ -602,12 +638,13 @@ def identify_model(
     """
 
     def in_flange(moved: Sequence[Axis], points: FloatArray) -> FloatArray:
+        """Return the targets (3 T,) [m] in the flange frame, by axes and targets in the tracker's frame."""
         return transformed(flange.place(moved, points).inverse(), points).ravel()
 
     T = base.transform_tracker_to_base
     axes = [axis.moved(T) for axis in identified.axes]
-    if nominal is not None:  # the same lines, stated where the nominal model has its joints
-        expected, _ = _nominal_axes(nominal, len(axes))
+    if nominal is not None:  # the lines stay; only the point stated on each line moves near the nominal joint
+        expected, _ = _checked_nominal_axes(nominal, len(axes))
         pairs = zip(axes, expected, strict=True)
         axes = [axis.placed_near(other.point) for axis, other in pairs]
     placed = T * flange.place(identified.axes, identified.targets)
@@ -619,6 +656,7 @@ def identify_model(
     if nominal is not None:
         links = [joint.child for joint in nominal.moving]
         limits, base_link, end = [joint.limits for joint in nominal.moving], nominal.base, nominal.flange
+        # A further link of its own carries the flange frame, so that the last link needs another name.
         links[-1] = f"{end}_mount" if links[-1] == end else links[-1]
     joints, origin = [], np.zeros(3)
     for joint, link, limit, axis in zip(names, links, limits, axes, strict=True):
@@ -636,12 +674,16 @@ def identify_model(
 
 
 def joint_names(nominal: KinematicChain | None, n: int) -> tuple[str, ...]:
-    """Return the names of n joints, by their numbers where no nominal model names them."""
+    """Return the names of n joints: those of the nominal model, or joint_1, joint_2, … without a model."""
     return tuple(f"joint_{i + 1}" for i in range(n)) if nominal is None else nominal.joint_names
 
 
-def _nominal_axes(nominal: KinematicChain, n: int) -> tuple[tuple[Axis, ...], pin.SE3]:
-    """Return `chain_axes` of a nominal model of n joints; refuse another one."""
+def _checked_nominal_axes(nominal: KinematicChain, n: int) -> tuple[tuple[Axis, ...], pin.SE3]:
+    """Return the n axes of a nominal model and its transform from flange to R0, at angle zero.
+
+    Raises:
+        RobotError: the model has another number of revolute joints than n.
+    """
     axes, flange = chain_axes(nominal)
     if len(axes) != n:
         raise RobotError(
@@ -654,13 +696,13 @@ def _nominal_axes(nominal: KinematicChain, n: int) -> tuple[tuple[Axis, ...], pi
 
 @dataclass(frozen=True, eq=False)
 class LinkGeometry:
-    """A serial chain of n axes in numbers."""
+    """Link lengths, twists, offsets and joint angles of a serial chain of n axes (Denavit-Hartenberg)."""
 
     a: FloatArray  #: (n - 1,) distances of neighbours along x [m], signed
     alpha: FloatArray  #: (n - 1,) twists about x [rad]
     beta: FloatArray  #: (n - 1,) the other angle of neighbours meant to be parallel [rad]; 0 for others
     d: FloatArray  #: (n,) offsets along the axes, the first from frame 0, the last to the flange's origin [m]
-    theta: FloatArray  #: (n,) angles about the axes at model angle zero, likewise [rad]
+    theta: FloatArray  #: (n,) angles about the axes at model angle zero, from frame 0 to frame n [rad]
     base: pin.SE3  #: from frame 0, whose z is axis 1, to the frame in which the axes are given
     tool: pin.SE3  #: from the flange frame to frame n, whose z is axis n
     #: (n - 1,) senses of the perpendiculars x relative to z_i × z_{i+1}, or between parallel axes relative to
@@ -669,34 +711,34 @@ class LinkGeometry:
 
     @property
     def numbers(self) -> FloatArray:
-        """All of a, alpha, beta, d and theta (5 n - 3,)."""
+        """Vector (5 n - 3,) of all a, then alpha, beta, d and theta."""
         return np.concatenate([self.a, self.alpha, self.beta, self.d, self.theta])
 
 
-def link_geometry(
+def compute_link_geometry(
     axes: Sequence[Axis],
     flange: pin.SE3,
     parallel: Sequence[bool],
     signs: Sequence[float] | None = None,
 ) -> LinkGeometry:
-    """Measure a chain of axes.
+    """Compute lengths, twists, offsets and angles of the links between neighbouring axes.
 
     Args:
         axes: n at model angle zero, in R0.
-        flange: from flange frame to R0 there.
+        flange: transform from the flange frame to R0 at model angle zero.
         parallel: (n - 1,) which neighbours are meant to be parallel.
-        signs: (n - 1,) as in the result; if None, perpendiculars point towards the next axis, or near the
-            last perpendicular where the axes meet.
+        signs: (n - 1,) senses of the perpendiculars, see `LinkGeometry.signs`; if None, each points towards
+            the next axis, or close to the perpendicular before it where the axes meet.
     """
     z = [axis.direction for axis in axes]
-    x = [_unit_across(np.eye(3)[0], z[0], np.eye(3)[1])]
+    x = [_unit_normal_part(np.eye(3)[0], z[0], np.eye(3)[1])]
     starts, ends, used = [], [axes[0].nearest(np.zeros(3))], []
     for i, (first, second) in enumerate(pairwise(axes)):
         if parallel[i]:
             start, end = ends[-1], second.nearest(ends[-1])
             along = (end - start) - z[i] * float((end - start) @ z[i])
         else:
-            start, end = common_feet(first, second)
+            start, end = find_common_perpendicular_feet(first, second)
             along = cross(z[i], z[i + 1])
         length = float(np.linalg.norm(along))
         along = along / length if length > _NO_DIRECTION else x[-1]
@@ -707,40 +749,45 @@ def link_geometry(
         starts.append(start)
         ends.append(end)
     # x_n and the origin of frame n on the last axis: as near to the flange frame as they can be
-    x.append(_unit_across(flange.rotation[:, 0], z[-1], flange.rotation[:, 1]))
+    x.append(_unit_normal_part(flange.rotation[:, 0], z[-1], flange.rotation[:, 1]))
     starts.append(axes[-1].nearest(flange.translation))
-    frame_n = right_handed(x[-1], z[-1], starts[-1])
+    frame_n = build_right_handed_frame(x[-1], z[-1], starts[-1])
     tilts = [float(z[i + 1] @ x[i + 1]) for i in range(len(axes) - 1)]
     return LinkGeometry(
         a=np.array([(ends[i + 1] - starts[i]) @ x[i + 1] for i in range(len(axes) - 1)]),
-        alpha=np.array([_angle(z[i], z[i + 1], x[i + 1]) for i in range(len(axes) - 1)]),
+        alpha=np.array([_signed_angle(z[i], z[i + 1], x[i + 1]) for i in range(len(axes) - 1)]),
         beta=np.arcsin(np.clip(tilts, -1.0, 1.0)),
         d=np.array([(starts[i] - ends[i]) @ z[i] for i in range(len(axes))]),
-        theta=np.array([_angle(x[i], x[i + 1], z[i]) for i in range(len(axes))]),
-        base=right_handed(x[0], z[0], ends[0]),
+        theta=np.array([_signed_angle(x[i], x[i + 1], z[i]) for i in range(len(axes))]),
+        base=build_right_handed_frame(x[0], z[0], ends[0]),
         tool=frame_n.inverse() * flange,
         signs=tuple(used),
     )
 
 
-def _unit_across(vector: FloatArray, normal: FloatArray, instead: FloatArray) -> FloatArray:
-    """Unit vector of the part normal to another; of a second vector where the first is nearly along it."""
+def _unit_normal_part(vector: FloatArray, normal: FloatArray, instead: FloatArray) -> FloatArray:
+    """Return the unit vector (3,) along the part of `vector`, or else of `instead`, across `normal`.
+
+    `instead` is taken where `vector` is nearly along the unit vector `normal`.
+    """
     part = vector - normal * float(vector @ normal)
     if np.linalg.norm(part) < 0.5:
         part = instead - normal * float(instead @ normal)
     return np.asarray(part / np.linalg.norm(part))
 
 
-def _angle(first: FloatArray, second: FloatArray, about: FloatArray) -> float:
-    """Angle [rad] from one vector to another about a unit vector normal to either; half a turn is +π."""
+def _signed_angle(first: FloatArray, second: FloatArray, about: FloatArray) -> float:
+    """Return the angle in (−π, π] [rad] from `first` to `second` about a unit vector normal to them."""
     angle = np.arctan2(cross(first, second) @ about, first @ second)
     return float(angle if angle > _SEAM else angle + 2.0 * np.pi)
 
 
-def link_table(
+def compare_links(
     identified: IdentifiedAxes, base: BaseFrame, flange: FlangeConvention, nominal: KinematicChain
 ) -> list[LinkComparison]:
-    """Links of the nominal model compared with the identified ones; differences of angles are within ±π.
+    """Compare the link parameters of the nominal model with the identified ones.
+
+    Differences of angles are within ±π [rad].
 
     Numbers that are conventions (where R0 is along and about axis 1, and the flange along and about the
     last axis) are left out: a nominal model gives them, no measurement.
@@ -749,25 +796,31 @@ def link_table(
         RobotError: the nominal model has another number of joints.
     """
     n = identified.n
-    axes, nominal_flange = _nominal_axes(nominal, n)
+    axes, nominal_flange = _checked_nominal_axes(nominal, n)
     parallel = [
         bool(np.linalg.norm(cross(first.direction, second.direction)) < LEAST_SINE)
         for first, second in pairwise(axes)
     ]
-    expected = link_geometry(axes, nominal_flange, parallel)
+    expected = compute_link_geometry(axes, nominal_flange, parallel)
 
-    def measured(moved: Sequence[Axis], points: FloatArray) -> FloatArray:
+    def link_numbers(moved: Sequence[Axis], points: FloatArray) -> FloatArray:
+        """Return the link parameters (5 n - 3,) of axes and targets given in the tracker's frame."""
         T = base.place(moved)
         placed = T * flange.place(moved, points)
-        return link_geometry([axis.moved(T) for axis in moved], placed, parallel, expected.signs).numbers
+        return compute_link_geometry(
+            [axis.moved(T) for axis in moved], placed, parallel, expected.signs
+        ).numbers
 
-    def change(moved: Sequence[Axis], points: FloatArray) -> FloatArray:
-        """Differences over ±π are angles at the seam: lengths never differ by that much between two steps."""
-        gap = measured(moved, points) - values
+    def changes_of_numbers(moved: Sequence[Axis], points: FloatArray) -> FloatArray:
+        """Return how much the link parameters (5 n - 3,) differ from the identified values.
+
+        Arctangents remove full turns of angles; on lengths they do nothing, as steps are far below π.
+        """
+        gap = link_numbers(moved, points) - values
         return np.arctan2(np.sin(gap), np.cos(gap))
 
-    values = measured(identified.axes, identified.targets)
-    spread = identified.standard_uncertainties(identified.jacobian_of(change))
+    values = link_numbers(identified.axes, identified.targets)
+    spread = identified.standard_uncertainties(identified.jacobian_of(changes_of_numbers))
     labels = [(q, i) for q in ("a", "alpha", "beta") for i in range(n - 1)]
     labels += [(q, i) for q in ("d", "theta") for i in range(n)]
     conventions = {(q, i) for q in ("d", "theta") for i in (0, n - 1)}
@@ -807,12 +860,13 @@ def dh_table(
     z of the flange is the last axis.
 
     Args:
-        chain: any.
+        chain: with revolute joints only.
         convention: standard, or modified (Craig).
         parallel_within: neighbours at a smaller angle [rad] are made parallel; 0 for an exact table.
 
     Returns:
-        The table, and the neighbours that are nearly parallel.
+        The table, whose `deviation` is the greatest displacement of the flange by axes made parallel [m], and
+        the neighbouring axes that are nearly parallel.
     """
     axes, flange = chain_axes(chain)
     used, pairs, made = [axes[0]], [], []
@@ -826,12 +880,13 @@ def dh_table(
         made.append(replaced)
         sense = np.sign(before @ axis.direction)
         used.append(Axis.through(axis.point, sense * before) if replaced else axis)
-    geometry = link_geometry(used, flange, made)
-    # Modified tables have a and alpha of the perpendicular before an axis, standard ones of that behind it
+    geometry = compute_link_geometry(used, flange, made)
+    # A modified table has in row i the a and alpha of the link before axis i, a standard table those behind.
     padding = (1, 0) if convention == "modified" else (0, 1)
     a, alpha = np.pad(geometry.a, padding), np.pad(geometry.alpha, padding)
     lower, upper = zip(*(joint.limits or (None, None) for joint in chain.moving), strict=True)
     angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSTURES, len(axes)))
+    # Where the exact axes and those of the table bring the flange, in random postures
     places = [Motion(each, flange.translation[None], angles).points for each in (axes, used)]
     table = IdentifiedDh(
         convention=convention,

@@ -34,12 +34,12 @@ from jointstiff.solver.geometry.frames import (
     BaseTargets,
     FlangeConvention,
     NearlyParallel,
+    compare_links,
     dh_table,
     find_base_frame,
     find_wrist_centre,
     identify_model,
     joint_names,
-    link_table,
 )
 from jointstiff.solver.geometry.poses import Axis, CalibratedAxes, IdentifiedAxes, Poses, calibrate
 from jointstiff.solver.geometry.sweeps import (
@@ -49,10 +49,10 @@ from jointstiff.solver.geometry.sweeps import (
     AxisFit,
     SweepSet,
     SweptAxes,
-    angle_probability,
+    compute_angle_p_value,
     identify_axes,
+    propagate_resting_angle_errors,
     refine_axes,
-    resting_angles,
 )
 from jointstiff.solver.mechanics.chain import Convention, KinematicChain
 from jointstiff.solver.mechanics.postures import WRIST_JOINTS, skew
@@ -106,37 +106,36 @@ _WEIGHTS: Final[dict[FindingCode, Verdict]] = {
 """Weights of findings that do not ask for care."""
 
 
-def _finding(code: FindingCode, where: str, message: str, remedy: str) -> Finding:
+def _make_finding(code: FindingCode, where: str, message: str, remedy: str) -> Finding:
     weight = _WEIGHTS.get(code, "use_with_care")
     return Finding(code=code, weight=weight, where=where, message=message, remedy=remedy)
 
 
-def geometry_findings(identified: SweptAxes, whole: SweptAxes) -> Iterator[Finding]:
-    """Return the findings of all sweeps.
+def report_sweeps(identified: SweptAxes, whole: SweptAxes) -> Iterator[Finding]:
+    """Yield suspicions about each sweep: anomalies, a short arc, implausible noise or angles.
 
     Args:
         identified: axes of the sweeps, fitted one by one.
-        whole: the fit of all sweeps, whose residuals show how well the robot is its model.
+        whole: the fit of all sweeps together, whose residuals show how well the model describes the robot.
     """
     typical = float(np.median([fit.linear.rss / fit.dof for fit in identified.fits]))
-    # Standard uncertainty by the median of the residuals, to which a few sweeps that do not fit add little
+    # Standard uncertainty by the median of the residuals, which a few sweeps that do not fit hardly change
     residuals = whole.residual.reshape(-1, 3)[whole.sweeps.present.ravel()]
     robust = np.median(np.abs(residuals)) / special.ndtri(0.75) * np.sqrt(residuals.size / whole.dof)
     for fit in identified.fits:
-        yield from sweep_findings(fit, identified.names, typical=typical, least=BEYOND_MODEL * float(robust))
+        yield from report_sweep(fit, identified.names, typical=typical, least=BEYOND_MODEL * float(robust))
 
 
-def sweep_findings(
+def report_sweep(
     fit: AxisFit, names: tuple[str, ...], *, typical: float = 0.0, least: float = 0.0
 ) -> Iterator[Finding]:
-    """Return suspicions about one sweep; none about a clean one.
+    """Yield suspicions about one sweep; a clean sweep yields nothing.
 
     Args:
         fit: the sweep, fitted by itself.
-        names: of the targets.
-        typical: variance of a residual in the other sweeps; what does not exceed that is no
-            anomaly of this one.
-        least: displacement [m] below which a bump is none.
+        names: names of the targets.
+        typical: variance of a residual in the other sweeps [m²]; smaller residuals are no anomaly.
+        least: displacement [m] below which a bump is not reported.
     """
     where = fit.sweep.where
     for anomaly, size, probability in _find_anomalies(fit, typical):
@@ -146,25 +145,25 @@ def sweep_findings(
         place = f"{where}, position {anomaly.position + 1}{target}"
         effect, remedy = _ANOMALIES[anomaly.code]
         message = effect.format(f"about {length_text(size)} (p = {probability:.1g})")
-        yield _finding(anomaly.code, place, message, remedy)
+        yield _make_finding(anomaly.code, place, message, remedy)
     if fit.arc < SHORT_ARC:
         spread = float(np.sqrt(np.linalg.eigvalsh(fit.axis_covariance[:2, :2]).max()))
         arc = float(np.degrees(fit.arc))
         message = f"an arc of {arc:.3g}° determines the axis only within {length_text(spread)}"
-        yield _finding("short_arc", where, message, "sweep at least 90°")
+        yield _make_finding("short_arc", where, message, "sweep at least 90°")
     chi_square = fit.linear.rss / fit.sigma**2
     rms = length_text(float(np.sqrt(fit.linear.rss / fit.dof)))
     message = f"the residuals give sigma = {rms}, but {length_text(fit.sigma)} was stated: the uncertainties"
     if special.chdtrc(fit.dof, chi_square) < FALSE_ALARM:
         message += " are too small"
         remedy = "correct or omit sigma; poor repeatability of the robot has the same effect"
-        yield _finding("residuals_exceed_sigma", where, message, remedy)
+        yield _make_finding("residuals_exceed_sigma", where, message, remedy)
     elif special.chdtr(fit.dof, chi_square) < FALSE_ALARM:
         message += " are too large"
         remedy = "check the unit of sigma"
-        yield _finding("residuals_below_sigma", where, message, remedy)
+        yield _make_finding("residuals_below_sigma", where, message, remedy)
     if abs(fit.angle_scale - 1.0) > _SCALE_ALARM:
-        yield _finding(
+        yield _make_finding(
             "angle_scale_suspect",
             where,
             f"the joint turned {fit.angle_scale:.4f} times as far as the controller's angles and the "
@@ -189,26 +188,29 @@ _ANOMALIES: Final[dict[AnomalyCode, tuple[str, str]]] = {
 
 @dataclass(frozen=True, eq=False)
 class _Anomaly:
+    """Hypothesis that a bump, a position or a single reading displaced some readings of a sweep."""
+
     code: AnomalyCode
     position: int  # index of the (first) position
-    target: int | None  # index of the target of a reading; None for the others
-    readings: BoolArray  # (K, T) those displaced: from the position on, at the position, or one
+    target: int | None  # index of the target of a single reading; None where all targets are displaced
+    readings: BoolArray  # (K, T) displaced readings: from the position on, at the position, or a single one
 
 
 @dataclass(frozen=True, eq=False)
-class _Explained:
-    """Return what the fit and anomalies found before it explain of the readings (K, T, 3)."""
+class _ExplainedReadings:
+    """Readings (K, T, 3) of a sweep with what the fit, and anomalies found so far, explain of them."""
 
     points: FloatArray  # (K, T, 3) readings
-    weight: FloatArray  # (K, T, 3, 3) their whiteners
-    basis: FloatArray  # (K, T, 3, p) orthonormal columns of what explains them
-    residual: FloatArray  # (K, T, 3) whitened, normal to the basis
-    dof: int
+    weight: FloatArray  # (K, T, 3, 3) whiteners of the readings
+    basis: FloatArray  # (K, T, 3, p) orthonormal columns that span the whitened readings explained so far
+    residual: FloatArray  # (K, T, 3) whitened residuals, normal to the basis
+    dof: int  # degrees of freedom of the residuals
 
-    def columns(self, anomaly: _Anomaly) -> FloatArray:
-        """Whitened displacement of the hypothesis's M readings by its motion (M, 3, 3 or 6).
+    def whitened_motion(self, anomaly: _Anomaly) -> FloatArray:
+        """Return how a unit of the hypothesis's motion displaces its M readings, whitened (M, 3, 3 or 6).
 
-        A translation, for positions with a rotation about the readings' mean, in units of their spread, too.
+        A single reading is translated; several readings are translated, then rotated about their mean, with
+        the rotation scaled by their spread so that all columns are lengths.
         """
         W = self.weight[anomaly.readings]
         if anomaly.code == "reading_suspect":
@@ -217,13 +219,14 @@ class _Explained:
         spread = max(float(np.sqrt(np.mean(arms**2))), 1e-9)
         return np.concatenate([W, -W @ skew(arms) / spread], axis=-1)
 
-    def projected(
+    def solve_projected(
         self, columns: FloatArray, readings: BoolArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return eigenvalues and -vectors of columns' (M, 3, c) normal equations, the basis projected out.
+        """Solve the normal equations of columns (M, 3, c) at M readings, with the basis projected out.
 
-        The third are the residuals along these vectors. Only the columns' own readings enter, and only what
-        the basis does not hide.
+        Returns:
+            Eigenvalues (r,) and eigenvectors (c, r) of the normal matrix, and the residuals (r,) along the
+            eigenvectors; combinations of columns that the basis already explains are left out.
         """
         seen = np.einsum("mip,miq->pq", self.basis[readings], columns)
         square = np.einsum("mip,miq->pq", columns, columns)
@@ -232,52 +235,52 @@ class _Explained:
         along = vectors[:, kept].T @ np.einsum("mip,mi->p", columns, self.residual[readings])
         return values[kept], vectors[:, kept], along
 
-    def test(self, anomaly: _Anomaly, typical: float) -> tuple[float, float]:
-        """F-test: log probability by chance, of this hypothesis alone, and the variance that it leaves."""
-        values, _, along = self.projected(self.columns(anomaly), anomaly.readings)
+    def f_test(self, anomaly: _Anomaly, typical: float) -> tuple[float, float]:
+        """Return the log of the F-test's p-value for a hypothesis, and the residual variance with it [m²]."""
+        values, _, along = self.solve_projected(self.whitened_motion(anomaly), anomaly.readings)
         rank, left = len(values), self.dof - len(values)
         if rank == 0 or left < 1:
             return 0.0, 0.0
         gain = float(along**2 @ (1.0 / values))
         variance = max(max(float(np.sum(self.residual**2)) - gain, 1e-300) / left, typical)
-        # stats.f takes fifty times as long
+        # special.fdtrc, as stats.f takes fifty times as long
         probability = float(special.fdtrc(rank, left, gain / rank / variance))
         return (math.log(probability) if probability > 0.0 else -math.inf), variance
 
     def displacement(self, anomaly: _Anomaly, variance: float) -> float:
-        """Size [m] of its readings' displacement by a translation, of what exceeds noise only."""
-        values, vectors, along = self.projected(self.weight[anomaly.readings], anomaly.readings)
+        """Return how far [m] the suspected readings are translated; components within noise count as zero."""
+        values, vectors, along = self.solve_projected(self.weight[anomaly.readings], anomaly.readings)
         clear = along**2 > _CLEAR**2 * variance * values
         return float(np.linalg.norm(vectors[:, clear] @ (along[clear] / values[clear])))
 
-    def with_motion(self, anomaly: _Anomaly) -> _Explained:
-        """Explain the motion of a hypothesis, too."""
-        columns = self.columns(anomaly)
-        values, vectors, _ = self.projected(columns, anomaly.readings)
+    def add_motion(self, anomaly: _Anomaly) -> _ExplainedReadings:
+        """Return the readings with the motion of a further hypothesis among what is explained."""
+        columns = self.whitened_motion(anomaly)
+        values, vectors, _ = self.solve_projected(columns, anomaly.readings)
         raw = np.zeros((*self.points.shape, len(values)))
         raw[anomaly.readings] = columns @ (vectors / np.sqrt(values))
         more = raw - self.basis @ np.einsum("ktip,ktiq->pq", self.basis, raw)
         residual = self.residual - more @ np.einsum("ktip,kti->p", more, self.residual)
         basis = np.concatenate([self.basis, more], axis=-1)
-        return _Explained(self.points, self.weight, basis, residual, self.dof - len(values))
+        return _ExplainedReadings(self.points, self.weight, basis, residual, self.dof - len(values))
 
 
 def _find_anomalies(fit: AxisFit, typical: float) -> Iterator[tuple[_Anomaly, float, float]]:
-    """Find what does not fit, one after the other, the likeliest first.
+    """Find anomalies of a sweep one after the other, the most significant first.
 
     Args:
-        fit: of a sweep.
-        typical: variance of a residual elsewhere, in the units of the fit's; smaller ones in this sweep are
-            chance.
+        fit: fit of the sweep.
+        typical: variance of a residual in the other sweeps [m²]; smaller residuals are taken for chance.
 
     Yields:
-        At most `MOST_ANOMALIES`, with the size of the displacement [m], without components that the fit could
-        as well take for another axis or angle, and the probability that chance alone does this to any.
+        At most `MOST_ANOMALIES` tuples: the anomaly; the size of its displacement [m], without components
+        that another axis or angle would explain as well; and the probability that chance alone makes any
+        reading look so bad (p-value times the number of hypotheses).
     """
     sweep, linear, present = fit.sweep, fit.linear, fit.sweep.present
     shape = sweep.points.shape
     normal = linear.residual - linear.left @ (linear.left.T @ linear.residual)
-    explained = _Explained(
+    explained = _ExplainedReadings(
         sweep.read, sweep.weight, linear.left.reshape(*shape, -1), normal.reshape(shape), fit.dof
     )
     count, targets = present.shape
@@ -292,20 +295,23 @@ def _find_anomalies(fit: AxisFit, typical: float) -> Iterator[tuple[_Anomaly, fl
             for t in np.flatnonzero(present[k])
         )
     for _ in range(min(MOST_ANOMALIES, len(suspects))):
-        tests = [explained.test(anomaly, typical) for anomaly in suspects]
+        tests = [explained.f_test(anomaly, typical) for anomaly in suspects]
         best = min(range(len(tests)), key=lambda index: tests[index][0])
         log_probability, variance = tests[best][0] + math.log(len(tests)), tests[best][1]
         if log_probability > math.log(FALSE_ALARM):
             break
         anomaly = suspects.pop(best)
         yield anomaly, explained.displacement(anomaly, variance), math.exp(log_probability)
-        explained = explained.with_motion(anomaly)
+        explained = explained.add_motion(anomaly)
 
 
-def agreement_findings(probability: float | None) -> Iterator[Finding]:
-    """Report sweeps that no one model fits, by the p-value of an F-test against single fits, if any."""
+def report_disagreement(probability: float | None) -> Iterator[Finding]:
+    """Report that no single robot fits all sweeps, if the p-value of the common fit is too small.
+
+    The p-value is of the F-test of the common fit against the sweeps fitted one by one; None reports nothing.
+    """
     if probability is not None and probability < DISAGREEMENT:
-        yield _finding(
+        yield _make_finding(
             "sweeps_disagree",
             "sweeps",
             "joints at rest were not where the controller shows them, or the arm sagged: no single robot "
@@ -315,10 +321,10 @@ def agreement_findings(probability: float | None) -> Iterator[Finding]:
         )
 
 
-def calibration_findings(calibrated: CalibratedAxes) -> Iterator[Finding]:
+def report_calibration(calibrated: CalibratedAxes) -> Iterator[Finding]:
     """Report residuals beyond the stated noise, and what the poses do not determine."""
     if calibrated.exceeded_sigma is not None:
-        yield _finding(
+        yield _make_finding(
             "residuals_exceed_sigma",
             "poses",
             f"the residuals give sigma = {length_text(calibrated.sigma)}, but "
@@ -328,7 +334,7 @@ def calibration_findings(calibrated: CalibratedAxes) -> Iterator[Finding]:
         )
     for names in calibrated.evidence.only_together:
         what = "a combination of " if len(names) > 1 else ""
-        yield _finding(
+        yield _make_finding(
             "parameters_not_identified",
             "poses",
             f"the poses do not determine {what}{', '.join(names)}",
@@ -336,26 +342,26 @@ def calibration_findings(calibrated: CalibratedAxes) -> Iterator[Finding]:
         )
 
 
-def wrist_findings(wrist: results.WristResult) -> Iterator[Finding]:
-    """Report ways to the wrist centre that contradict each other beyond noise."""
+def report_wrist_disagreement(wrist: results.WristResult) -> Iterator[Finding]:
+    """Report pairs of estimates of the wrist centre that differ by more than noise explains."""
     for pair in wrist.distances:
         if pair.probability < CENTRES_DISAGREE:
-            yield _finding(
+            yield _make_finding(
                 "wrist_centres_disagree",
                 "sweeps",
-                f"the wrist centres by {pair.first} and by {pair.second} are {length_text(pair.distance)} "
+                f"the wrist centres found by {pair.first} and {pair.second} are {length_text(pair.distance)} "
                 f"apart, more than their uncertainties explain (p = {pair.probability:.1g})",
                 "check the sweeps of the wrist joints; axes that do not intersect have no common centre",
             )
 
 
 def drift_findings(drift: results.Drift, targets: BaseTargets) -> Iterator[Finding]:
-    """Report motion between tracker and base beyond noise, and base targets that moved on their own."""
+    """Report that tracker and base moved against each other, and base targets that moved on their own."""
     if drift.significant:
         size = float(np.linalg.norm(drift.displacement))
         direction = np.array(drift.displacement) / max(size, 1e-300)
         spread = float(np.sqrt(direction @ drift.displacement_covariance @ direction))
-        yield _finding(
+        yield _make_finding(
             "base_drifted",
             targets.where,
             "between the two readings of the base targets, tracker and robot base moved relative to "
@@ -367,32 +373,32 @@ def drift_findings(drift: results.Drift, targets: BaseTargets) -> Iterator[Findi
         back, which = drift.transform_after_to_before, targets.names.index(target)
         returned = np.array(back.rotation) @ targets.after[which] + back.translation
         left = float(np.linalg.norm(returned - targets.before[which]))
-        yield _finding(
+        yield _make_finding(
             "base_target_moved",
             f"{targets.where}.{target}",
             f"this base target moved relative to the others, by about {length_text(left)}",
-            "omit it, and attach it more firmly",
+            "omit this target, and attach it more firmly",
         )
 
 
-def model_findings(
+def report_vague_parameters(
     names: Sequence[str],
     convention: Convention,
     pairs: Iterable[NearlyParallel],
     links: Sequence[LinkComparison],
 ) -> Iterator[Finding]:
-    """Report neighbouring axes between which a table's numbers run away, and vague link parameters.
+    """Report nearly parallel axes, whose table has huge numbers, and poorly determined link parameters.
 
     Args:
-        names: of the joints.
-        convention: of the model's table.
-        pairs: neighbours in the table that are nearly parallel.
-        links: compared with those of the nominal model.
+        names: names of the joints.
+        convention: convention of the Denavit-Hartenberg table.
+        pairs: neighbouring axes of the table that are nearly parallel.
+        links: link parameters with their uncertainties.
     """
     for pair in pairs:
         first = names.index(pair.joint) + 1
         if not pair.made_parallel and pair.angle < RUNAWAY_BELOW:
-            yield _finding(
+            yield _make_finding(
                 "axes_nearly_parallel",
                 f"dh.{convention}",
                 f"axes {first} and {first + 1} are {1e3 * pair.angle:.3g} mrad from "
@@ -406,7 +412,7 @@ def model_findings(
             shown = f"{1e3 * spread:.2g} mm" if link.unit == "m" else f"{np.degrees(spread):.2g}°"
             vague.append(f"{link.quantity} of joint {names.index(link.joint) + 1} (± {shown})")
     if vague:
-        yield _finding(
+        yield _make_finding(
             "parameters_not_identified",
             "links",
             f"the readings hardly determine {', '.join(vague)}",
@@ -441,38 +447,38 @@ def identify_from_sweeps(
     angles: AngleUse = "free",
     base_targets: BaseTargets | None = None,
 ) -> results.GeometryResult:
-    """Identify a robot from its sweeps.
+    """Identify the kinematics of a robot from sweeps of its joints, with uncertainties and findings.
 
     Args:
-        sweeps: one of each joint.
+        sweeps: a sweep of each joint.
         conventions: where R0 and the flange frame are.
-        nominal: model of the robot; needed where a convention is by it.
-        name: of the identified robot.
-        fit: `one_by_one` asks least of the controller's repeatability; see `refine_axes`. Where the sweeps
-            disagree, `together` falls back to it with a finding. Where gears are uneven, uncertainties
-            include those of the angles at rest; see `resting_angles`.
+        nominal: model of the robot; needed where a convention refers to the nominal model.
+        name: name of the identified robot.
+        fit: `together` fits all sweeps at once; see `refine_axes`. If the sweeps disagree, the result is of
+            `one_by_one`, with a finding. `one_by_one` depends least on the controller's repeatability.
         angles: see `fit_axis`.
-        base_targets: read before and after.
+        base_targets: targets on the robot's base, read before and after the sweeps.
 
     Raises:
         InputError: the sweeps do not determine the robot, or contradict the nominal model.
     """
     free, trusted = identify_axes(sweeps), identify_axes(sweeps, angles="controller")
     alone = free if angles == "free" else trusted
-    controller, agreement = angle_probability(free, trusted), None
+    controller, agreement = compute_angle_p_value(free, trusted), None
     chosen = together = alone
     if fit == "together" and len(sweeps.sweeps) > 1:
         together = refine_axes(alone, angles=angles)
-        agreement = angle_probability(alone, together)
+        agreement = compute_angle_p_value(alone, together)
         chosen = alone if agreement < DISAGREEMENT else together
-    _refuse_exact(chosen)
+    _refuse_vanishing_sigma(chosen)
     wrist_axes = identified = chosen
     if controller < UNEVEN:
-        columns, joints = resting_angles(free)
-        identified = _widen(chosen, columns)
-        # The wrist centre is where the arm had it, whatever the arm's angles
+        # Uneven gears: the uncertainties must include errors of the joint angles at rest.
+        columns, joints = propagate_resting_angle_errors(free)
+        identified = _widen_uncertainties(chosen, columns)
+        # The wrist centre is stated where the arm held it, so that only errors of the wrist's angles matter.
         of_wrist = np.array(joints, dtype=int) >= sweeps.joint_map.n - WRIST_JOINTS
-        wrist_axes = _widen(chosen, columns[:, of_wrist])
+        wrist_axes = _widen_uncertainties(chosen, columns[:, of_wrist])
     names = joint_names(nominal, sweeps.joint_map.n)
     evidence = []
     for one in alone.fits:
@@ -491,14 +497,14 @@ def identify_from_sweeps(
                 variance_factor=one.variance_factor,
             )
         )
-    result = _result(
+    result = _assemble_result(
         identified,
         conventions,
         nominal,
         name,
         sweeps,
         wrist_axes=wrist_axes,
-        findings=(*geometry_findings(alone, together), *agreement_findings(agreement)),
+        findings=(*report_sweeps(alone, together), *report_disagreement(agreement)),
         base_targets=base_targets,
     )
     return result.model_copy(
@@ -526,20 +532,20 @@ def identify_from_poses(
         NotObservableError: fewer readings than unknowns.
     """
     identified = calibrate(nominal, poses)
-    _refuse_exact(identified)
-    return _result(
+    _refuse_vanishing_sigma(identified)
+    return _assemble_result(
         identified,
         conventions,
         nominal,
         name,
         poses,
         wrist_axes=identified,
-        findings=calibration_findings(identified),
+        findings=report_calibration(identified),
         base_targets=base_targets,
     )
 
 
-def _result(
+def _assemble_result(
     identified: IdentifiedAxes,
     conventions: Conventions,
     nominal: KinematicChain | None,
@@ -550,7 +556,11 @@ def _result(
     findings: Iterable[Finding],
     base_targets: BaseTargets | None,
 ) -> results.GeometryResult:
-    """Return all that follows from the axes, without the evidence of sweeps."""
+    """Compute base frame, model, tables, wrist centre and drift from the axes, and collect the findings.
+
+    The evidence of sweeps is left empty for the caller to fill in. `wrist_axes` are the axes with the
+    uncertainties that count for the wrist centre.
+    """
     flange = FlangeConvention(conventions.flange_targets if conventions.flange == "targets" else None)
     if conventions.flange == "nominal" and nominal is not None:
         flange = FlangeConvention.of_chain(nominal)
@@ -559,7 +569,7 @@ def _result(
     model = identify_model(identified, base, flange, nominal=nominal, name=name)
     standard, pairs = dh_table(model.chain, "standard")
     modified, _ = dh_table(model.chain, "modified")
-    links = [] if nominal is None else link_table(identified, base, flange, nominal)
+    links = [] if nominal is None else compare_links(identified, base, flange, nominal)
     listed = list(findings)
     wrist, no_wrist, drift = None, None, None
     if wrist_axes.unseen.size:
@@ -567,22 +577,22 @@ def _result(
     else:
         try:
             wrist = find_wrist_centre(wrist_axes, base)
-            listed += wrist_findings(wrist)
+            listed += report_wrist_disagreement(wrist)
         except InputError as error:
             no_wrist = error.reason
         except np.linalg.LinAlgError:
-            no_wrist = "its uncertainty is too large"
+            no_wrist = "the uncertainty of the wrist centre is too large"
     if base_targets is not None:
         drift = base_targets.drift(identified.sigma, identified.targets.mean(axis=0))
         listed += drift_findings(drift, base_targets)
-    listed += model_findings(model.chain.joint_names, "standard", pairs, links)
+    listed += report_vague_parameters(model.chain.joint_names, "standard", pairs, links)
     reasons = [finding for finding in listed if finding.weight != "use"]
     calibrated = identified if isinstance(identified, CalibratedAxes) else None
     by_residuals = readings.sigma is None or (calibrated and calibrated.exceeded_sigma is not None)
     return results.GeometryResult(
         joint_kinds={},
         assessment=combined([Assessment(verdict=each.weight, reasons=[each]) for each in reasons]),
-        axes=_placed_axes(base, model.chain.joint_names),
+        axes=_place_axes(base, model.chain.joint_names),
         sweeps=[],
         fit=None,
         poses=None if calibrated is None else calibrated.evidence,
@@ -605,25 +615,25 @@ def _result(
         ),
         flange=conventions.flange,
         links=links,
-        robot=_robot(name, model.chain, readings.joint_map),
+        robot=_describe_robot(name, model.chain, readings.joint_map),
         dh=[standard, modified],
         drift=drift,
         findings=listed,
     )
 
 
-def _placed_axes(base: BaseFrame, names: Sequence[str]) -> list[results.IdentifiedAxis]:
+def _place_axes(base: BaseFrame, names: Sequence[str]) -> list[results.IdentifiedAxis]:
     """Place the axes in R0, with their uncertainties in the tracker's frame.
 
     Args:
-        base: where R0 is by n axes.
-        names: (n,) of the joints.
+        base: placement of R0 by n axes.
+        names: (n,) names of the joints.
     """
     identified = base.identified
     in_base = [axis.moved(base.place(identified.axes)) for axis in identified.axes]
 
     def axis_coordinates(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
-        """Return (6 n,) of each axis: its point nearest to the identified axis' point, then its direction."""
+        """Return (6 n,): a point of each axis, nearest to the identified axis's point, and the direction."""
         pairs = zip(axes, identified.axes, strict=True)
         return np.ravel([[axis.nearest(other.point), axis.direction] for axis, other in pairs])
 
@@ -641,14 +651,15 @@ def _placed_axes(base: BaseFrame, names: Sequence[str]) -> list[results.Identifi
     )
 
 
-def _robot(name: str, chain: KinematicChain, joint_map: JointMap) -> RobotDocument:
+def _describe_robot(name: str, chain: KinematicChain, joint_map: JointMap) -> RobotDocument:
+    """Return the document of a robot: its chain as URDF, and its joint map unless that is the identity."""
     model = UrdfModel(format="urdf", urdf=write_urdf(chain), base=chain.base, flange=chain.flange)
     plain = np.array_equal(joint_map.matrix, np.eye(joint_map.n)) and not joint_map.offset.any()
     stored = StoredJointMap(matrix=joint_map.matrix.tolist(), offset=joint_map.offset.tolist())
     return RobotDocument(name=name, model=model, joint_map=None if plain else stored)
 
 
-def _widen(identified: SweptAxes, columns: FloatArray) -> SweptAxes:
+def _widen_uncertainties(identified: SweptAxes, columns: FloatArray) -> SweptAxes:
     """Return axes whose uncertainties include further, independent displacements (4 n + 3 T, G)."""
     return replace(
         identified,
@@ -657,10 +668,15 @@ def _widen(identified: SweptAxes, columns: FloatArray) -> SweptAxes:
     )
 
 
-def _refuse_exact(identified: IdentifiedAxes) -> None:
+def _refuse_vanishing_sigma(identified: IdentifiedAxes) -> None:
+    """Refuse readings whose residuals are zero: they are simulated, and every covariance would vanish.
+
+    Raises:
+        MeasurementError: sigma is at most `LEAST_SIGMA`.
+    """
     if not identified.sigma > LEAST_SIGMA:
         raise MeasurementError(
-            f"the residuals give sigma = {length_text(identified.sigma)}, which no tracker reaches",
+            f"the residuals give sigma = {length_text(identified.sigma)}, less than any tracker reaches",
             where="noise.sigma",
             remedy="state sigma if the readings are simulated without noise",
         )

@@ -58,8 +58,8 @@ CHART_SIZE = len(CHART)
 ROTATION_TOLERANCE = 1e-5
 """Tolerance of a stated rotation's orthonormality: 10 µm in a metre."""
 
-_MOST_STEPS = 60
-_MOST_TRIALS = 25
+_MOST_STEPS = 60  # Gauss-Newton steps
+_MOST_TRIALS = 25  # of growing damping, within a step
 _LEAST_DAMPING, _FACTOR = 1e-12, 10.0
 """Least damping relative to the squares of singular values of columns of unit norm; factor from trial to
 trial."""
@@ -74,7 +74,7 @@ _UNDETERMINED = 1e-6
 
 
 def stated_transform(rotation: FloatArray, translation: FloatArray) -> pin.SE3:
-    """Return a transform whose rotation (3, 3) is stated to some digits, made exact.
+    """Return the transform with a rotation (3, 3) stated to some digits, which is made orthonormal.
 
     Raises:
         MeasurementError: the matrix is not a rotation.
@@ -93,17 +93,20 @@ def stated_transform(rotation: FloatArray, translation: FloatArray) -> pin.SE3:
 
 
 def transformed(transform: pin.SE3, points: FloatArray) -> FloatArray:
-    """Return points (..., 3) in the other frame [m]."""
+    """Return points (..., 3) [m] transformed to the frame to which the transform leads."""
     return np.asarray(points @ transform.rotation.T + transform.translation)
 
 
-def right_handed(x: FloatArray, z: FloatArray, origin: FloatArray) -> pin.SE3:
-    """Return the transform from a frame with these unit vectors x and z, and an origin [m] (3,) each."""
+def build_right_handed_frame(x: FloatArray, z: FloatArray, origin: FloatArray) -> pin.SE3:
+    """Return the transform from a frame given by unit vectors x (3,), z (3,), and an origin (3,) [m]."""
     return pin.SE3(np.column_stack([x, cross(z, x), z]), origin)
 
 
-def by_small_motion(points: FloatArray) -> FloatArray:
-    """Return the displacement (..., 3, 6) of points (..., 3) by a motion: translation, then rotation."""
+def motion_matrix(points: FloatArray) -> FloatArray:
+    """Return the matrix (..., 3, 6) that takes a small motion to the displacement of points (..., 3) [m].
+
+    The small motion is a translation [m], then a rotation vector [rad].
+    """
     eye = np.broadcast_to(np.eye(3), (*points.shape, 3))
     return np.concatenate([eye, -skew(points)], axis=-1)
 
@@ -116,11 +119,12 @@ class Axis:
     then rotation about u and v [rad].
     """
 
-    place: pin.SE3  #: of a frame at a point of the axis [m]: u, v, and the direction a of positive rotation
+    #: placement of a frame at a point of the axis [m]: u, v, and the direction a of positive rotation
+    place: pin.SE3
 
     @classmethod
     def through(cls, point: npt.ArrayLike, direction: npt.ArrayLike) -> Axis:
-        """The axis through a point (3,) [m] along a direction (3,) of any length but zero."""
+        """Return the axis through a point (3,) [m] along a direction (3,) of any length but zero."""
         a = np.array(direction, dtype=np.float64)
         a /= np.linalg.norm(a)
         u = cross(np.eye(3)[np.argmin(np.abs(a))], a)
@@ -143,25 +147,28 @@ class Axis:
         return np.asarray(self.frame[:, 2])
 
     def at(self, distance: float) -> FloatArray:
-        """The point (3,) at this signed distance [m] from `point`, along the direction."""
+        """Return the point (3,) [m] of the axis at a signed distance [m] from `point`."""
         return np.asarray(self.point + distance * self.direction)
 
     def nearest(self, point: FloatArray) -> FloatArray:
-        """The foot (3,) of the perpendicular from a point (3,) [m]."""
+        """Return the point (3,) of the axis that is nearest to a given point (3,) [m]."""
         return self.at(float((point - self.point) @ self.direction))
 
     def placed_near(self, point: FloatArray) -> Axis:
-        """The same line, its own point the foot of the perpendicular from a point (3,) [m]."""
+        """Return the same line, stated at the point of the line that is nearest to a given point (3,) [m]."""
         return Axis(pin.SE3(self.frame, self.nearest(point)))
 
     def displaced(self, chart: FloatArray) -> Axis:
-        """The axis at these coordinates (4,) of this axis's chart."""
+        """Return the axis displaced by coordinates (4,) of this axis's chart [m, m, rad, rad]."""
         x, y, alpha, beta = chart.tolist()
         turn = pin.exp3(np.array([alpha, beta, 0.0]))
         return Axis(self.place * pin.SE3(turn, np.array([x, y, 0.0])))
 
     def chart(self, other: Axis) -> FloatArray:
-        """Coordinates (4,) of another axis, not perpendicular to this; inverse of `displaced`."""
+        """Return the coordinates (4,) of another axis in this axis's chart; inverse of `displaced`.
+
+        The other axis must not be perpendicular to this axis.
+        """
         w = self.frame.T @ other.direction
         q = self.frame.T @ (other.point - self.point)
         x, y, _ = q - w * (q[2] / w[2])
@@ -170,7 +177,7 @@ class Axis:
         return np.array([x, y, -w[1] * stretch, w[0] * stretch])
 
     def moved(self, motion: pin.SE3) -> Axis:
-        """The axis after a rigid motion, or in another frame; charts go with it unchanged."""
+        """Return the axis after a rigid motion, or in another frame; chart coordinates stay the same."""
         return Axis(motion * self.place)
 
 
@@ -192,7 +199,7 @@ class LinearFit:
 
     @classmethod
     def of(cls, residual: FloatArray, jacobian: FloatArray, by_own: FloatArray | None = None) -> LinearFit:
-        """Decompose, by QR first: it is cheaper for many readings.
+        """Build the fit by singular value decomposition, after a QR that is cheaper for many readings.
 
         Args:
             residual: (m,) whitened.
@@ -217,12 +224,12 @@ class LinearFit:
 
     @property
     def covariance(self) -> FloatArray:
-        """(p, p) in units of sigma²; of undetermined unknowns it tells only the determined part."""
+        """Covariance (p, p) of the unknowns in units of sigma², without undetermined combinations."""
         return np.asarray(self.inverse @ self.inverse.T)
 
     @property
     def rank(self) -> int:
-        """Number of combinations of unknowns that are determined, with those of single groups of readings."""
+        """Number of determined combinations of unknowns, including the groups' own unknowns."""
         own = 0 if self.own is None else int(self.own.directions.any(axis=1).sum())
         return int(self.left.shape[1]) + own
 
@@ -236,7 +243,7 @@ class LinearFit:
         return bool((np.linalg.norm(self.unseen[unknowns], axis=1) < _UNDETERMINED).all())
 
     def step(self, damping: float = 0.0) -> FloatArray:
-        """Return the least squares step δ (p,), then that of the groups' own unknowns (G,).
+        """Return the least squares step (p + G,): δ of the p unknowns, then the groups' own unknowns.
 
         Args:
             damping: λ of Levenberg's step, added to the squares of the singular values of scaled columns.
@@ -265,7 +272,7 @@ class OwnUnknowns:
 
     @classmethod
     def of(cls, residual: FloatArray, jacobian: FloatArray, by_own: FloatArray) -> OwnUnknowns:
-        """Take the derivatives of `LinearFit.of`."""
+        """Build the own unknowns of groups of readings from the arguments of `LinearFit.of`."""
         norms = np.linalg.norm(by_own, axis=1)
         norms = np.where(norms > 0.0, norms, 1.0)
         directions = by_own / norms[:, None]
@@ -274,7 +281,7 @@ class OwnUnknowns:
         return cls(directions, norms, along, np.einsum("gi,gip->gp", directions, grouped))
 
     def without(self, rows: FloatArray) -> FloatArray:
-        """Project rows (m,) or (m, p) on what the own unknowns do not explain."""
+        """Return rows (m,) or (m, p) without the part that the own unknowns explain."""
         grouped = rows.reshape(*self.directions.shape, -1)
         along = np.einsum("gi,gip->gp", self.directions, grouped)
         return np.asarray((grouped - self.directions[..., None] * along[:, None]).reshape(rows.shape))
@@ -293,21 +300,25 @@ def minimise(
 ) -> tuple[State, LinearFit]:
     """Minimise ``‖residual(state)‖²``, damping steps that go too far (Levenberg and Marquardt).
 
-    It ends where a step would change the prediction by less than 1e-9 of the residual, or than rounding, or
-    where rounding lets no step lower the residual any more.
+    The iteration ends when a step would change the prediction by less than 1e-9 of the residual or by less
+    than rounding, or when no step lowers the residual any more because of rounding.
 
     Args:
         state: to start from.
-        residual: whitened readings minus prediction (m,).
-        jacobian: derivative of the prediction (m, p) in the chart at the state.
-        stepped: the state after a step (p,), with `by_own` (p + G,).
-        where: for the message.
-        by_own: derivative (G, m / G) of each group of readings by its own unknown, if there are such.
+        residual: function that returns whitened readings minus prediction (m,) at a state.
+        jacobian: function that returns the derivative (m, p) of the prediction, in the chart at a state.
+        stepped: function that returns the state after a step (p,), or (p + G,) with `by_own`.
+        where: place of the readings, for the message.
+        by_own: function that returns the derivative (G, m / G) of each group of readings by the unknown of
+            that group alone; None without own unknowns.
         size: norm of the whitened readings, whose rounding no fit explains.
-        enough: residual [rms] below which a fit that goes on slowly has converged.
+        enough: residual [rms] below which a slow fit counts as converged.
+
+    Returns:
+        The state at the minimum, and the linearised fit there.
 
     Raises:
-        MeasurementError: no convergence.
+        MeasurementError: the fit does not converge.
     """
     r = residual(state)
     for _ in range(_MOST_STEPS):
@@ -321,7 +332,7 @@ def minimise(
             if shorter @ shorter < r @ r:
                 break
             damping = max(_LEAST_DAMPING, _FACTOR * damping)
-        else:
+        else:  # no trial lowered the residual: rounding dominates
             return state, linear
         state, r = trial, shorter
     rms = float(np.sqrt(np.mean(r**2)))
@@ -391,12 +402,12 @@ class TrackedReadings:
 
     @property
     def where(self) -> str:
-        """The readings, for a message."""
+        """Name of the readings in messages."""
         return "poses"
 
     @property
     def read(self) -> FloatArray:
-        """Points (N, T, 3) [m], zero where absent."""
+        """Readings (N, T, 3) [m], zero where absent."""
         return np.where(self.present[..., None], self.points, 0.0)
 
     @cached_property
@@ -421,23 +432,23 @@ class Poses(TrackedReadings):
     def __post_init__(self) -> None:
         super().__post_init__()
         read = self.points[self.present]
-        refuse_other_units(self.sigma, float(np.linalg.norm(np.ptp(read, axis=0))) if len(read) else 0.0)
+        refuse_wrong_units(self.sigma, float(np.linalg.norm(np.ptp(read, axis=0))) if len(read) else 0.0)
 
     def __getitem__(self, rows: BoolArray) -> Poses:
-        """Return some of the configurations (N,)."""
+        """Return the poses of the configurations that a mask (N,) selects."""
         by_row = ("angles", "points", "present", *(["covariance"] if self.covariance.ndim > 2 else []))
         return replace(self, **{name: getattr(self, name)[rows] for name in by_row})
 
     @property
     def whitened(self) -> PoseReadings:
-        """The poses at angles of the model, with their weights in units of 1/sigma."""
+        """Readings at the model's joint angles, with whiteners in units of 1/sigma, for `fit_poses`."""
         angles = self.joint_map.model_angles(self.angles)
         none = np.zeros((len(angles), 0))
         return PoseReadings(angles, self.read, self.weight, slopes=np.zeros_like(angles), basis=none)
 
 
-def refuse_other_units(sigma: float | None, reach: float) -> None:
-    """Refuse a sigma that is none, and readings that only make sense in another unit of length.
+def refuse_wrong_units(sigma: float | None, reach: float) -> None:
+    """Refuse a sigma that is not positive, and readings that only make sense in another unit of length.
 
     Args:
         sigma: standard uncertainty of a coordinate [m]; None if unknown.
@@ -464,31 +475,31 @@ def refuse_other_units(sigma: float | None, reach: float) -> None:
 
 @dataclass(frozen=True, eq=False)
 class PoseReadings:
-    """Readings in N configurations, whitened."""
+    """Readings in N configurations with their whiteners, and which corrections of angles are estimated."""
 
     angles: FloatArray  #: (N, n) angles of the model [rad]
     points: FloatArray  #: (N, T, 3) tracker's frame [m]; zero where absent
     weight: FloatArray  #: (N, T, 3, 3) whiteners in units of 1/sigma; zero where absent
-    slopes: FloatArray  #: (N, n) slopes of the model angles by the correction of a configuration
-    #: (N, F) combinations of the corrections that are estimated; None: each configuration's own, eliminated
-    #: from its own readings
+    slopes: FloatArray  #: (N, n) derivative of the model angles by the correction of a configuration
+    #: (N, F) combinations of the N corrections that are estimated. None estimates each correction by itself,
+    #: eliminated from the readings of its configuration
     basis: FloatArray | None
 
 
 @dataclass(frozen=True, eq=False)
 class PoseState:
-    """Unknowns of the fit of the poses."""
+    """Unknowns of `fit_poses`: axes, targets and corrections of angles."""
 
     axes: tuple[Axis, ...]  #: n at angle zero, tracker's frame
     targets: FloatArray  #: (T, 3) at angle zero, tracker's frame [m]
     corrections: FloatArray  #: (N,) corrections of the angles [rad]
 
     def motion(self, readings: PoseReadings) -> Motion:
-        """Return where the axes and targets are in the readings' configurations, angles corrected."""
+        """Return the places of axes and targets in the readings' configurations, at corrected angles."""
         return Motion(self.axes, self.targets, readings.angles + self.corrections[:, None] * readings.slopes)
 
     def displaced(self, step: FloatArray) -> PoseState:
-        """Return the state after a step of charts, of the first axes, and then of all targets."""
+        """Return the state after a step (4 m + 3 T,): charts of the first m axes, then all targets [m]."""
         moves = step[: len(step) - self.targets.size].reshape(-1, CHART_SIZE)
         axes = tuple(axis.displaced(move) for axis, move in zip(self.axes, moves, strict=False))
         targets = self.targets + step[CHART_SIZE * len(moves) :].reshape(-1, 3)
@@ -501,7 +512,7 @@ def arm_of(axes: Sequence[Axis], places: Sequence[pin.SE3], flange: pin.SE3) -> 
     Args:
         axes: n at model angle zero, base first.
         places: n frames that move with the joints, at model angle zero, in the frame of the axes.
-        flange: where the flange frame is there.
+        flange: placement of the flange frame at model angle zero, in the frame of the axes.
     """
     model, before = pin.Model(), pin.SE3.Identity()
     for i, (axis, place) in enumerate(zip(axes, places, strict=True)):
@@ -518,26 +529,26 @@ class Motion:
     Attributes:
         axes: n at angle zero.
         angles: (N, n) of the joints [rad].
-        postures: of the arm with these axes; all joints carry the frame of the axes, as its flange.
-        points: (N, T, 3) the targets, carried by all joints [m].
+        postures: kinematics of the arm with these axes; its flange frame is the frame of the axes at zero.
+        points: (N, T, 3) places of the targets, which the last joint carries [m].
     """
 
     def __init__(self, axes: Sequence[Axis], targets: FloatArray, angles: FloatArray) -> None:
-        """Turn axes and targets (T, 3) [m] from angle zero by angles (N, n) [rad]."""
+        """Turn axes and targets (T, 3) [m], given at angle zero, by joint angles (N, n) [rad]."""
         self.axes, self.angles = axes, angles
         self.postures = Postures(arm_of(axes, [axis.place for axis in axes], pin.SE3.Identity()), angles)
         self.points = self.postures.to_base(np.broadcast_to(targets, (len(angles), *targets.shape)))
 
     def jacobian(self) -> FloatArray:
-        """Derivative (N, T, 3, 4 n + 3 T) of the points by charts and targets."""
+        """Return the derivative (N, T, 3, 4 n + 3 T) of the points by the axes' charts, then the targets."""
         count, targets, _ = self.points.shape
         charts = self.postures.axis_motions[..., CHART].transpose(0, 2, 1, 3).reshape(count, 1, 6, -1)
-        by_charts = by_small_motion(self.points) @ charts
+        by_charts = motion_matrix(self.points) @ charts
         by_targets = np.einsum("nij,ts->ntisj", self.postures.flange_rotation, np.eye(targets))
         return np.concatenate([by_charts, by_targets.reshape(count, targets, 3, -1)], axis=-1)
 
     def swings(self) -> FloatArray:
-        """Derivative (N, T, 3, n) of the points by the joint angles of each configuration [m/rad]."""
+        """Return the derivative (N, T, 3, n) of the points by the joint angles [m/rad]."""
         return self.postures.jacobian_at(self.points)
 
 
@@ -549,20 +560,23 @@ def fit_poses(
     fitted: int | None = None,
     enough: float = 0.0,
 ) -> tuple[PoseState, LinearFit]:
-    """Fit axes, targets and free corrections.
+    """Fit axes, targets and corrections of angles to readings, by maximum likelihood.
 
-    Unknowns are in this order: charts (4 n), targets (3 T), then the corrections' (F). Where the readings
-    leave a combination of the unknowns undetermined, it stays as it was at the start.
+    Unknowns are in this order: charts of axes (4 n), targets (3 T), then free corrections (F). A combination
+    that the readings do not determine keeps its start value.
 
     Args:
         readings: in at least two configurations.
         first: where to start from.
-        where: for messages.
-        fitted: number of axes, base first, that are fitted; all if None. The others stay as they are.
-        enough: residual [rms, whitened] below which a fit that goes on slowly has converged.
+        where: place of the readings, for messages.
+        fitted: number of axes, base first, that are fitted; None fits all. The other axes stay as they are.
+        enough: residual [rms, whitened] below which a slow fit counts as converged.
+
+    Returns:
+        The fitted state, and the linearised fit there.
 
     Raises:
-        MeasurementError: no convergence.
+        MeasurementError: the fit does not converge.
     """
     fitted = len(first.axes) if fitted is None else fitted
     charts = CHART_SIZE * fitted
@@ -571,18 +585,21 @@ def fit_poses(
     basis = readings.basis
 
     def stepped(state: PoseState, step: FloatArray) -> PoseState:
+        """Return the state after a step of all unknowns."""
         correction = step[kept:] if basis is None else basis @ step[kept:]
         return replace(state.displaced(step[:kept]), corrections=state.corrections + correction)
 
     def residual(state: PoseState) -> FloatArray:
+        """Return the whitened readings minus the prediction (3 N T,)."""
         gaps = readings.points - state.motion(readings).points
         return np.asarray((readings.weight @ gaps[..., None]).ravel())
 
     def spin(motion: Motion) -> FloatArray:
-        """Derivative (N, T, 3, 1) of the prediction by each configuration's correction [m/rad]."""
+        """Return the derivative (N, T, 3, 1) of the prediction by each configuration's correction [m/rad]."""
         return np.asarray(np.einsum("ktin,kn->kti", motion.swings(), readings.slopes)[..., None])
 
     def jacobian(state: PoseState) -> FloatArray:
+        """Return the whitened derivative (3 N T, p) of the prediction by all unknowns but eliminated ones."""
         motion = state.motion(readings)
         J = np.delete(motion.jacobian(), still, axis=-1)
         if basis is not None and basis.size:
@@ -590,6 +607,7 @@ def fit_poses(
         return np.asarray((readings.weight @ J).reshape(readings.points.size, -1))
 
     def by_correction(state: PoseState) -> FloatArray:
+        """Return the whitened derivative (N, 3 T) by each configuration's own correction."""
         return (readings.weight @ spin(state.motion(readings))).reshape(len(readings.angles), -1)
 
     size = float(np.linalg.norm(readings.weight @ readings.points[..., None]))
@@ -612,7 +630,7 @@ class IdentifiedAxes:
     influence: FloatArray  #: (4 n + 3 T, m) derivative by all whitened readings in units of sigma
     sigma: float  #: standard uncertainty of a coordinate [m], stated or pooled from the residuals
     rss: float  #: sum of squares of the residuals, whitened in units of sigma² [m²]
-    dof: int  #: degrees of freedom behind it
+    dof: int  #: degrees of freedom of the residuals
     #: (4 n + 3 T, r) combinations of charts and targets that the readings do not determine; they are as at
     #: the start of the fit, and the covariance is silent about them
     unseen: FloatArray = field(default_factory=lambda: np.zeros((0, 0)), kw_only=True)
@@ -628,16 +646,19 @@ class IdentifiedAxes:
         return self.rss / (self.dof * self.sigma**2)
 
     def jacobian_of(self, geometry: Geometry) -> FloatArray:
-        """Derivative (k, 4 n + 3 T) of a quantity, by central differences."""
+        """Return the derivative (k, 4 n + 3 T) of a quantity by charts and targets."""
         return derivative(self.axes, self.targets, geometry)
 
     def covariance_of(self, geometry: Geometry) -> FloatArray:
-        """Covariance (k, k) of a quantity."""
+        """Return the covariance (k, k) of a quantity."""
         J = self.jacobian_of(geometry)
         return np.asarray(J @ self.covariance @ J.T)
 
     def standard_uncertainties(self, jacobian: FloatArray) -> FloatArray:
-        """Return those of quantities with this derivative (k, 4 n + 3 T): (k,), infinite if undetermined."""
+        """Return the standard uncertainties (k,) of quantities; infinite for an undetermined quantity.
+
+        `jacobian` (k, 4 n + 3 T) is the derivative of the quantities by charts and targets.
+        """
         spread = np.sqrt(np.einsum("ij,jk,ik->i", jacobian, self.covariance, jacobian))
         if not self.unseen.size:
             return np.asarray(spread)
@@ -646,10 +667,9 @@ class IdentifiedAxes:
         return np.where(hidden > _HIDDEN * reach, np.inf, spread)
 
     def covariances(self, jacobian: FloatArray, size: int = 3) -> FloatArray:
-        """Return those of vectors of some numbers each, by their derivative (k · size, 4 n + 3 T).
+        """Return the covariances (k, size, size) of k vectors; NaN for a vector with an undetermined number.
 
-        Returns:
-            (k, size, size); NaN for vectors with an undetermined number.
+        `jacobian` (k · size, 4 n + 3 T) is the derivative of the vectors by charts and targets.
         """
         blocks = jacobian.reshape(-1, size, jacobian.shape[-1])
         covariances: FloatArray = blocks @ self.covariance @ blocks.transpose(0, 2, 1)
@@ -659,15 +679,22 @@ class IdentifiedAxes:
 
 
 def differences(quantity: Callable[[FloatArray], FloatArray], count: int) -> FloatArray:
-    """Derivative (k, count) of a quantity by small steps (count,) from zero, by central differences."""
+    """Return the derivative (k, count) of a quantity at zero, by central differences.
+
+    `quantity` takes a vector (count,) of small steps [m, rad] and returns (k,).
+    """
     steps = _STEP * np.eye(count)
     return np.stack([(quantity(step) - quantity(-step)) / (2.0 * _STEP) for step in steps], axis=1)
 
 
 def derivative(axes: Sequence[Axis], targets: FloatArray, geometry: Geometry) -> FloatArray:
-    """Derivative (k, 4 n + 3 T) of a quantity by charts and targets (T, 3), by central differences."""
+    """Return the derivative (k, 4 n + 3 T) of a quantity by the axes' charts and targets (T, 3) [m].
+
+    The derivative is taken by central differences.
+    """
 
     def at(step: FloatArray) -> FloatArray:
+        """Return the quantity after a step (4 n + 3 T,) of charts and targets."""
         charts = step[: CHART_SIZE * len(axes)].reshape(-1, CHART_SIZE)
         moved = [a.displaced(chart) if chart.any() else a for a, chart in zip(axes, charts, strict=True)]
         return geometry(moved, targets + step[CHART_SIZE * len(axes) :].reshape(targets.shape))
@@ -676,15 +703,17 @@ def derivative(axes: Sequence[Axis], targets: FloatArray, geometry: Geometry) ->
 
 
 def chain_axes(chain: KinematicChain) -> tuple[tuple[Axis, ...], pin.SE3]:
-    """Axes of a chain in R0 at angle zero, their points at the joints' origins, and flange to R0 there.
+    """Return the axes of a chain in R0 and the transform from flange to R0, both at angle zero.
+
+    The point of each axis is the origin of its joint.
 
     Raises:
-        RobotError: a joint is prismatic: its axis has a direction and no place.
+        RobotError: a joint is prismatic, so that its axis has a direction but no place.
     """
     linear = [joint.name for joint in chain.moving if joint.kind == "prismatic"]
     if linear:
         raise RobotError(
-            f"axes are identified of revolute joints only, but {', '.join(linear)} slides",
+            f"only axes of revolute joints can be identified, but {', '.join(linear)} is prismatic",
             remedy="fix it in the model (URDF: type fixed, at its present position), and omit it "
             "from the readings; or use the nominal model",
             where="robot",
@@ -697,11 +726,11 @@ def chain_axes(chain: KinematicChain) -> tuple[tuple[Axis, ...], pin.SE3]:
 
 @dataclass(frozen=True, eq=False)
 class CalibratedAxes(IdentifiedAxes):
-    """Axes from a calibration."""
+    """Axes from a calibration by unloaded poses."""
 
     evidence: PoseEvidence  #: the unknowns that the poses determine, and the residuals
-    #: standard uncertainty of a coordinate that was stated, but that the residuals exceed beyond chance [m]:
-    #: `sigma` is then from them; None otherwise
+    #: stated standard uncertainty of a coordinate [m], if the residuals exceed it beyond chance, so that
+    #: `sigma` is from the residuals; None otherwise
     exceeded_sigma: float | None
 
 
@@ -713,14 +742,14 @@ def calibrate(
     hold_out: bool = True,
     enough: float = 0.0,
 ) -> CalibratedAxes:
-    """Calibrate a nominal model.
+    """Calibrate a nominal model: fit its axes and the targets to unloaded poses.
 
     Args:
         nominal: within some centimetres and degrees of the truth.
         poses: more readings than unknowns; 20 or more poses over the whole work area are good practice.
         start: rough transform from base to tracker; found from the poses if None.
-        hold_out: whether to find the error of poses that are left out.
-        enough: residual [rms, whitened] below which a fit that goes on slowly has converged.
+        hold_out: whether to compute the error of predicted poses by cross-validation.
+        enough: residual [rms, whitened] below which a slow fit counts as converged.
 
     Raises:
         MeasurementError: the model has another number of joints, or the fit does not converge.
@@ -735,7 +764,7 @@ def calibrate(
             remedy="give the nominal model of the robot that was measured",
         )
     readings = poses.whitened
-    T, at_zero = _start(axes, poses, readings, start)
+    T, at_zero = _estimate_start(axes, poses, readings, start)
     first = PoseState(tuple(axis.moved(T) for axis in axes), transformed(T, at_zero), np.zeros(len(poses)))
     state, linear = fit_poses(readings, first, where="poses", enough=enough)
     rms = float(np.sqrt(np.mean(np.square(linear.residual))))
@@ -765,7 +794,7 @@ def calibrate(
         positions=len(poses),
         unknowns=unknowns,
         determined=linear.rank,
-        only_together=_only_together(linear, len(state.axes), poses.targets),
+        only_together=_name_undetermined_combinations(linear, len(state.axes), poses.targets),
         rms_residual=np.sqrt(np.mean(np.square(unwhitened[poses.present]))),
         held_out_rms=held_out_rms,
     )
@@ -785,10 +814,11 @@ def calibrate(
 
 
 def _held_out_rms(nominal: KinematicChain, poses: Poses, start: pin.SE3 | None, rms: float) -> float | None:
-    """Return the root mean square error [m] of a coordinate predicted from the other poses, in five parts.
+    """Return the root mean square error [m] of coordinates predicted by five-fold cross-validation.
 
-    Readings of one posture stay together. Four parts may hardly tell two unknowns apart, so that their fit
-    stalls in a flat valley: at the residual `rms` of all poses it has converged.
+    Readings of one posture stay together. Four of five parts may hardly determine two unknowns separately, so
+    that their fit is slow: it counts as converged at about the residual `rms` of all poses. None if there is
+    one posture only, or a fit fails.
     """
     _, posture = np.unique(poses.angles, axis=0, return_inverse=True)
     count = int(posture.max()) + 1
@@ -808,13 +838,14 @@ def _held_out_rms(nominal: KinematicChain, poses: Poses, start: pin.SE3 | None, 
     return float(np.sqrt(np.square(np.concatenate(errors)).mean()))
 
 
-def _start(
+def _estimate_start(
     axes: tuple[Axis, ...], poses: Poses, readings: PoseReadings, start: pin.SE3 | None
 ) -> tuple[pin.SE3, FloatArray]:
-    """Base to tracker, and targets at angle zero in R0, by linear least squares.
+    """Return rough start values: the transform from R0 to the tracker, and the targets (T, 3) [m] in R0.
 
-    ``Q p + s = R_k x_t + t_k`` is linear in Q = Rᵀ (nine numbers), s = −Rᵀ t and x_t. Q is then made a
-    rotation, and s and x_t are those with it. Where the transform is known, x_t are those with that.
+    ``Q p + s = R_k x_t + t_k`` for a reading p of target t in pose k is linear in Q = Rᵀ (nine numbers),
+    s = −Rᵀ t and x_t. Q is first fitted freely and made a rotation, then s and x_t are fitted with Q fixed.
+    A known transform `start` leaves only x_t to fit.
     """
     k, t = np.nonzero(poses.present)
     at = Motion(axes, np.zeros((1, 3)), readings.angles).postures
@@ -834,11 +865,14 @@ def _start(
     return pin.SE3(Q.T, -Q.T @ solution[:3]), solution[3:].reshape(-1, 3)
 
 
-def _only_together(linear: LinearFit, n: int, targets: Sequence[str]) -> list[list[str]]:
-    """Names of the unknowns in each undetermined combination, as sparse as a rotation makes them."""
+def _name_undetermined_combinations(linear: LinearFit, n: int, targets: Sequence[str]) -> list[list[str]]:
+    """Return, for each undetermined combination of unknowns, the names of the unknowns in it.
+
+    The combinations are chosen so that each has an unknown that is in no other combination.
+    """
     names = [f"axis {i + 1} {what}" for i in range(n) for what in _CHART_NAMES]
     names += [f"target {target} {coordinate}" for target in targets for coordinate in "xyz"]
-    # Each combination gets an unknown of its own, those that are seen least
+    # Pivoting finds the unknowns that are determined least: one for each combination
     _, order = qr(linear.unseen.T, mode="r", pivoting=True)
     reduced = linear.unseen @ np.linalg.inv(linear.unseen[np.sort(order[: linear.unseen.shape[1]])])
     shares = np.abs(reduced) / np.abs(reduced).max(axis=0)

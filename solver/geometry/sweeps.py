@@ -52,9 +52,9 @@ from jointstiff.solver.geometry.poses import (
     PoseReadings,
     PoseState,
     TrackedReadings,
-    by_small_motion,
     fit_poses,
-    refuse_other_units,
+    motion_matrix,
+    refuse_wrong_units,
     transformed,
 )
 from jointstiff.solver.mechanics.robot import JointMap
@@ -74,10 +74,10 @@ SMALLEST_MOTION = 1e-3
 """Least displacement of the target that moves most [m]."""
 
 DISAGREEMENT = 1e-6
-"""p-value of one robot for all sweeps below which they disagree."""
+"""p-value of the common fit of all sweeps below which the sweeps disagree."""
 
 UNEVEN = 0.01
-"""p-value of the controller's angles below which gears are off by more than noise."""
+"""p-value of the controller's angles below which the gears count as uneven."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +121,7 @@ class Sweep(TrackedReadings):
 
     @property
     def where(self) -> str:
-        """The sweep, for a message."""
+        """Name of the sweep in messages."""
         return f"sweep of {self.name}"
 
     @property
@@ -146,7 +146,7 @@ class SweepSet:
     sigma: float | None = None  #: standard uncertainty of one coordinate of one reading [m]; None if unknown
 
     def __post_init__(self) -> None:
-        refuse_other_units(self.sigma, max(sweep.largest_motion for sweep in self.sweeps))
+        refuse_wrong_units(self.sigma, max(sweep.largest_motion for sweep in self.sweeps))
         for sweep in self.sweeps:
             if sweep.angles.shape[1] != self.joint_map.n:
                 raise MeasurementError(
@@ -170,21 +170,23 @@ class SweepSet:
             )
 
     def model_angles(self, sweep: Sweep) -> FloatArray:
-        """Angles of the model (N, n) [rad] in a sweep."""
+        """Return the model's joint angles (N, n) [rad] in the positions of a sweep."""
         return self.joint_map.model_angles(sweep.angles)
 
     def turning(self, sweep: Sweep) -> tuple[int, ...]:
-        """Indices of the model joints that turn in a sweep.
+        """Return the indices of the model joints that turn in a sweep, usually one.
 
-        One, as a rule. With coupled axes (J2/J3 of FANUC) turning one joint of the controller turns two
-        of the model; and turning two of the controller's against each other may turn one of the model.
+        With coupled axes (J2/J3 of FANUC), one joint of the controller turns two joints of the model, and two
+        joints of the controller turned against each other may turn a single joint of the model.
         """
         ranges = np.ptp(self.model_angles(sweep), axis=0)
         return tuple(int(index) for index in np.flatnonzero(ranges > STILL))
 
     @cached_property
     def order(self) -> tuple[int, ...]:
-        """Index of the sweep that tells the axis of each model joint (n,): of coupled ones, the first.
+        """Index (n,) of the sweep that shows the axis of each model joint.
+
+        A sweep that turns two coupled joints shows the axis of the first of them.
 
         Raises:
             MeasurementError: a joint without a sweep.
@@ -206,12 +208,12 @@ class SweepSet:
 
     @property
     def present(self) -> BoolArray:
-        """Readings of all sweeps, in their order (N, T)."""
+        """Mask (N, T) of the readings that exist, over the positions of all sweeps in order."""
         return np.concatenate([sweep.present for sweep in self.sweeps])
 
     @cached_property
     def whitened(self) -> PoseReadings:
-        """Readings of all sweeps, in their order, each position's angle of the turned joint its own."""
+        """Readings of all sweeps in order; each position corrects the angle of the turned joint by itself."""
         slopes = [np.tile(self.joint_map.matrix[:, sweep.joint], (len(sweep), 1)) for sweep in self.sweeps]
         return PoseReadings(
             angles=np.concatenate([self.model_angles(sweep) for sweep in self.sweeps]),
@@ -227,19 +229,20 @@ class AxisFit:
     """The axis of one sweep and the evidence for it."""
 
     sweep: Sweep  #: fitted sweep
-    outer: AxisFit | None  #: where the sweep turns two axes, the fit of the outer one, from its own sweep
+    outer: AxisFit | None  #: fit of the outer axis by its own sweep, if this sweep turns two axes
     axis: Axis  #: the (inner) axis in the tracker's frame; its point is the foot of the readings' mean
-    #: (T, 3) in the tracker's frame with the turning joint at model angle zero; where two turn, with the
-    #: outer one at zero and the inner one as in the outer one's sweep [m]
+    #: (T, 3) targets in the tracker's frame [m], with the turning joint at model angle zero; if two joints
+    #: turn, with the outer joint at zero and the inner joint as in the outer axis's sweep
     target_points: FloatArray
     #: (N,) angle of the turning joint from the readings less that of the controller, of mean zero [rad]
     angle_deviation: FloatArray
     angle_scale: float  #: slope of the angles from the readings over the controller's; 1 where both agree
     arc: float  #: angle that the readings cover [rad]
-    #: (4 + 3 T, 3 N T) derivative of chart and targets by the whitened readings, in units of sigma; what is
-    #: computed from several fits, or twice from one, gets its covariance through it
+    #: (4 + 3 T, 3 N T) derivative of chart and targets by the whitened readings, in units of sigma; from it
+    #: covariances follow, also of quantities that depend on several fits
     influence: FloatArray
-    dependence: FloatArray  #: (4, 4) derivative of the axis's chart by the outer one's; zero without
+    #: (4, 4) derivative of the axis's chart by the outer axis's chart; zero without an outer axis
+    dependence: FloatArray
     axis_covariance: FloatArray  #: (4, 4) of the axis's chart, by `sigma`, the outer axis's part included
     residuals: FloatArray  #: (N, T, 3) reading minus prediction, tracker's frame [m]; zero where absent
     sigma: float  #: standard uncertainty of a coordinate [m]: the stated one, else from the residuals
@@ -252,7 +255,11 @@ class AxisFit:
         return self.linear.rss / (self.dof * self.sigma**2)
 
     def residual_rms(self) -> tuple[list[float | None], list[float | None]]:
-        """Return the root mean square of the radial and of the axial residuals by target, (T,) [m]."""
+        """Return the root mean squares of the radial and of the axial residuals of each target [m].
+
+        Two lists (T,), with None for a target without readings. If two axes turn, the radial residual is that
+        in both directions across the axis.
+        """
         residuals = self.residuals @ self.axis.frame
         arms = (self.sweep.points - self.residuals - self.axis.point) @ self.axis.frame
         radial: list[float | None] = []
@@ -277,21 +284,21 @@ def fit_axis(
     outer: AxisFit | None = None,
     slopes: FloatArray | None = None,
 ) -> AxisFit:
-    """Fit the axis of a sweep in which one model joint turns, or the inner one where two turn.
+    """Fit the axis of a sweep in which one model joint turns, or the inner axis if two joints turn.
 
     Args:
         sweep: the readings.
-        turned: (N,) angle of that joint in the model, by the controller [rad]. Where two turn (N, 2): of the
-            inner joint, less its angle in the outer axis's sweep, and of the outer joint.
+        turned: (N,) model angle of the turning joint, by the controller [rad]. If two joints turn, (N, 2):
+            angle of the inner joint less its angle in the outer axis's sweep, then angle of the outer joint.
         sigma: standard uncertainty of a coordinate [m]; from the residuals if None.
         angles: `free` estimates each position's angle from the readings, common to all targets;
-            `controller` takes the controller's.
-        outer: the outer axis where two turn, from a sweep of its own; joints before it stand there as here,
-            and the inner one at the angle that was subtracted.
-        slopes: (2,) of the model angles by that of the controller's joint, where two turn.
+            `controller` takes the controller's angles.
+        outer: fit of the outer axis by a sweep of its own, if two joints turn. Joints before the outer axis
+            are at the same angles in both sweeps, but for the inner joint, whose angle was subtracted.
+        slopes: (2,) derivative of the two model angles by the angle of the controller's joint.
 
     Returns:
-        The fit. Suspect readings are named in it and not removed.
+        The fit of all readings; suspect readings are not removed.
 
     Raises:
         MeasurementError: the readings do not determine an axis, or the fit does not converge.
@@ -301,7 +308,7 @@ def fit_axis(
     basis = helmert(len(sweep)).T if angles == "free" else np.zeros((len(sweep), 0))
     by_correction = np.broadcast_to(np.ones(1) if slopes is None else slopes, model_angles.shape)
     readings = PoseReadings(model_angles, sweep.read, sweep.weight, by_correction, basis)
-    state, linear = fit_poses(readings, _start(sweep, readings, outer), where=sweep.where, fitted=1)
+    state, linear = fit_poses(readings, _estimate_start(sweep, readings, outer), where=sweep.where, fitted=1)
     dof = 3 * int(sweep.present.sum()) - linear.rank
     if dof < 1:
         raise MeasurementError(
@@ -343,12 +350,12 @@ def fit_axis(
     )
 
 
-def _start(sweep: Sweep, readings: PoseReadings, outer: AxisFit | None) -> PoseState:
-    """Start values without iteration, from ``p_kt ≈ A_t + B_t cos θ_k + C_t sin θ_k``, linear in A, B, C.
+def _estimate_start(sweep: Sweep, readings: PoseReadings, outer: AxisFit | None) -> PoseState:
+    """Return start values of axis and targets by a linear fit of circles.
 
-    ``B_t × C_t`` points along the axis, by the square of the target's radius, so that targets count by what
-    they know of it; the centres A_t lie on it, unless an outer axis turns back as far: then each is displaced
-    by the same vector from it.
+    A target t runs on ``p_kt ≈ A_t + B_t cos θ_k + C_t sin θ_k``, linear in A, B and C. ``B_t × C_t`` points
+    along the axis and is as long as the squared radius, which weights the targets. The centres A_t lie on the
+    axis, unless an outer axis turns back by the same angle: then all are displaced from it by one vector.
 
     Raises:
         MeasurementError: no target was read often enough, or none shows a plane in which it turns.
@@ -385,10 +392,10 @@ def _start(sweep: Sweep, readings: PoseReadings, outer: AxisFit | None) -> PoseS
 
 @dataclass(frozen=True, eq=False)
 class SweptAxes(IdentifiedAxes):
-    """Axes identified from sweeps."""
+    """Axes identified from sweeps, with the fit of each sweep."""
 
     sweeps: SweepSet  #: the set; the whitened readings of `influence` are in its order
-    fits: tuple[AxisFit, ...]  #: the fit of each sweep by itself, in its order
+    fits: tuple[AxisFit, ...]  #: the fit of each sweep by itself, in the order of the sweeps
     residual: FloatArray  #: (3 N T,) whitened residuals of all readings [m]; zero where absent
 
 
@@ -396,17 +403,17 @@ def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
     """Fit all sweeps, one by one, and bring their axes to model angle zero.
 
     Args:
-        sweeps: one for each joint.
+        sweeps: a sweep for each joint.
         angles: see `fit_axis`.
 
     Raises:
-        MeasurementError: a joint without a sweep, a sweep that turns what it should not, or one that
-            cannot be fitted.
+        MeasurementError: a joint has no sweep, a sweep turns joints that are not coupled, or a sweep cannot
+            be fitted.
     """
     order = sweeps.order
     starts = np.cumsum([0, *(sweep.points.size for sweep in sweeps.sweeps)])
     fits: dict[int, AxisFit] = {}
-    influences: dict[int, FloatArray] = {}  # of all readings on chart and targets of a sweep
+    influences: dict[int, FloatArray] = {}  # derivative of chart and targets of a sweep by all readings
     for joint, index in reversed(list(enumerate(order))):  # a coupled sweep needs the axis farther out
         sweep = sweeps.sweeps[index]
         turning, turned = list(sweeps.turning(sweep)), sweeps.model_angles(sweep)
@@ -433,7 +440,7 @@ def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
     rss, dof = sum(fit.linear.rss for fit in in_order), sum(fit.dof for fit in in_order)
     sigma = float(np.sqrt(rss / dof)) if sweeps.sigma is None else sweeps.sigma
     at_sweep, points = [fits[index].axis for index in order], fits[order[-1]].target_points
-    axes, targets = _move_to_zero(at_sweep, points, sweeps.postures)
+    axes, targets = _move_axes_to_zero(at_sweep, points, sweeps.postures)
     as_swept = np.vstack(
         [*(influences[index][:CHART_SIZE] for index in order), influences[order[-1]][CHART_SIZE:]]
     )
@@ -455,10 +462,13 @@ def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
 
 
 def _refuse_unless_coupled(sweeps: SweepSet, sweep: Sweep, outer: AxisFit, apart: FloatArray) -> None:
-    """Refuse a sweep that turns several joints, but for one by a single controller joint that turns two.
+    """Refuse a sweep that turns several model joints, unless a single controller joint turns two of them.
 
-    Joints before the outer one carry its axis: but for the inner one they must stand as in its sweep. They
-    are `apart` (n,) [rad].
+    Joints before the outer joint carry its axis, so that all but the inner joint must be where they were in
+    the outer joint's sweep. `apart` (n,) [rad] is by how much the angles of the two sweeps differ.
+
+    Raises:
+        MeasurementError: the sweep is none that `fit_axis` can fit.
     """
     turning = sweeps.turning(sweep)
     joints = " and ".join(str(joint + 1) for joint in turning)
@@ -473,7 +483,7 @@ def _refuse_unless_coupled(sweeps: SweepSet, sweep: Sweep, outer: AxisFit, apart
         )
     if outer.outer is not None:
         raise MeasurementError(
-            f"model joint {turning[1] + 1} turns as well, and its own sweep is a coupled one, too",
+            f"model joint {turning[1] + 1} turns as well, but its own sweep also turns two joints",
             where=sweep.where,
             remedy="turn the last of the coupled joints alone in a sweep of its own",
         )
@@ -487,10 +497,14 @@ def _refuse_unless_coupled(sweeps: SweepSet, sweep: Sweep, outer: AxisFit, apart
         )
 
 
-def _move_to_zero(
+def _move_axes_to_zero(
     at_sweep: Sequence[Axis], points: FloatArray, postures: FloatArray
 ) -> tuple[tuple[Axis, ...], FloatArray]:
-    """Axes at zero from each in its sweep's posture (n, n) [rad], and the targets from the last sweep's."""
+    """Return the axes at model angle zero, and the targets (T, 3) of the last sweep at angle zero [m].
+
+    `at_sweep` holds each axis as the joints before it placed it in its sweep; `postures` (n, n) are the
+    joints' angles in each sweep [rad].
+    """
     axes, back = [at_sweep[0]], pin.SE3.Identity()
     for axis, posture in zip(at_sweep[1:], postures[1:], strict=True):
         back = Motion(axes, points, posture[None, : len(axes)]).postures.flange_placement(0).inverse()
@@ -501,17 +515,17 @@ def _move_to_zero(
 def _differentiate_by_zero(
     axes: Sequence[Axis], at_sweep: Sequence[Axis], points: FloatArray, postures: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Differentiate what each sweep shows: the chart of its axis, and the targets of the last one.
+    """Differentiate what the sweeps show: the axis of each sweep, and the targets of the last sweep.
 
     Args:
-        axes: n at zero.
-        at_sweep: the same where the joints before each carry them in its sweep.
-        points: (T, 3) the targets in the last sweep [m].
+        axes: n axes at model angle zero.
+        at_sweep: each axis as the joints before it place it in its sweep.
+        points: (T, 3) targets in the last sweep [m].
         postures: (n, n) angles of the joints in each sweep [rad].
 
     Returns:
-        (4 n + 3 T, 4 n + 3 T) by the charts of axes, then the targets, both at zero; and (4 n + 3 T, n, n) by
-        the angles.
+        The derivative (4 n + 3 T, 4 n + 3 T) by charts of axes and by targets at angle zero, and the
+        derivative (4 n + 3 T, n, n) by the angles of the joints in each sweep.
     """
     n, charts = len(axes), CHART_SIZE * len(axes)
     arm = Motion(axes, points, np.tril(postures, -1)).postures
@@ -521,7 +535,7 @@ def _differentiate_by_zero(
         motions = np.concatenate([arm.axis_motions[k, :k], arm.placement_motions[k, k : k + 1]])[..., CHART]
         by_zero[own, : own.stop] = (into @ motions).transpose(1, 0, 2).reshape(CHART_SIZE, -1)
         by_angle[own, k, :k] = into @ arm.jacobian[k, :, :k]
-    moves = by_small_motion(points).reshape(-1, 6)
+    moves = motion_matrix(points).reshape(-1, 6)
     by_zero[charts:, :charts] = (
         (moves @ arm.axis_motions[-1][..., CHART]).transpose(1, 0, 2).reshape(-1, charts)
     )
@@ -531,15 +545,15 @@ def _differentiate_by_zero(
 
 
 def refine_axes(identified: SweptAxes, *, angles: AngleUse = "free") -> SweptAxes:
-    """Fit all sweeps together, starting from their axes one by one.
+    """Fit all sweeps together, starting from the axes of the sweeps fitted one by one.
 
     Args:
-        identified: from `identify_axes`; its `fits` are kept as they are.
-        angles: `free` estimates for each position by how much the joint that was turned differs from the
-            controller's angle; `controller` takes the controller's.
+        identified: result of `identify_axes`, whose `fits` are kept.
+        angles: `free` estimates for each position by how much the turned joint differs from the controller's
+            angle; `controller` takes the controller's angle.
 
     Returns:
-        Axes and targets with their smaller covariance; `rss` and `dof` are of this fit.
+        Axes and targets with their smaller covariance; `rss` and `dof` are those of the common fit.
 
     Raises:
         MeasurementError: the sweeps together leave an axis undetermined.
@@ -572,11 +586,11 @@ def refine_axes(identified: SweptAxes, *, angles: AngleUse = "free") -> SweptAxe
     )
 
 
-def angle_probability(free: SweptAxes, controller: SweptAxes) -> float:
-    """Probability that noise alone makes the controller's angles fit as badly as they do.
+def compute_angle_p_value(free: SweptAxes, controller: SweptAxes) -> float:
+    """Return the p-value of the controller's angles, by an F-test of a fit with them against a free fit.
 
-    F-test of the fit with the controller's angles inside the one with free angles. Where it is not small,
-    `angles="controller"` is justified by the readings, and the better estimate.
+    The p-value is the probability that noise alone makes the more restricted fit so much worse. If it is not
+    small, `angles="controller"` is justified by the readings, and the better estimate.
     """
     more = controller.dof - free.dof
     if more < 1:
@@ -585,37 +599,38 @@ def angle_probability(free: SweptAxes, controller: SweptAxes) -> float:
     return float(special.fdtrc(more, free.dof, gain / (free.rss / free.dof)))
 
 
-def resting_angles(swept: SweptAxes) -> tuple[FloatArray, list[int]]:
-    """Return what uneven gears do to axes and targets through the angles at which joints rest.
+def propagate_resting_angle_errors(swept: SweptAxes) -> tuple[FloatArray, list[int]]:
+    """Return how errors of uneven gears at rest displace the identified axes and targets.
 
-    The readings show how far each joint is from the controller's angle while it turns: its gear's error. At
-    rest it is off by as much, and nothing shows it. Where joints rest at the same angles in all sweeps, that
-    only turns what model angle zero means; where they do not, it moves the axes against each other.
+    The readings show the gear's error of a joint while the joint turns; at rest the joint is off by as much,
+    unseen. If a joint rests at one angle in all sweeps, its error only shifts the zero of its angle; if it
+    rests at several angles, its errors move the axes against each other.
 
     Args:
         swept: axes fitted one by one with free angles.
 
     Returns:
-        Displacements (4 n + 3 T, G) of charts and targets by one standard deviation of each error, and the
-        controller's joint of each (G,), from the last joint inwards.
+        Displacements (4 n + 3 T, G) of charts and targets by one standard deviation of each of G errors, and
+        the index (G,) of the controller's joint that each error is of, from the last joint inwards.
     """
     sweeps, n = swept.sweeps, swept.n
     in_order = [swept.fits[index] for index in sweeps.order]
     at_sweep, points = [fit.axis for fit in in_order], in_order[-1].target_points
     by_zero, by_angle = _differentiate_by_zero(swept.axes, at_sweep, points, sweeps.postures)
-    # By joint of the sweep, then by the angle that changes
+    # Derivative of charts and targets at angle zero by the joint angles in each sweep
     by_posture = -np.asarray(
         np.linalg.solve(by_zero, by_angle.reshape(len(by_angle), n * n)), dtype=np.float64
     )
     columns, joints = [np.zeros((len(by_posture), 0))], []
     for fit in sorted(swept.fits, key=lambda fit: -fit.sweep.joint):
         joint = fit.sweep.joint
-        # Standard deviation [rad] of a joint from the controller's angles, beyond the readings' noise
+        # `size` is the standard deviation [rad] of the joint from the controller's angles, without the noise
+        # of the readings
         deviation = fit.angle_deviation
-        own = fit.linear.inverse[-(len(deviation) - 1) :]  # of the corrections, in an orthonormal basis
+        own = fit.linear.inverse[-(len(deviation) - 1) :]  # rows of the corrections, in an orthonormal basis
         noise = fit.sigma**2 * float(np.sum(own**2))
         size = float(np.sqrt(max(float(deviation @ deviation) - noise, 0.0) / (len(deviation) - 1)))
-        # Masks (n,) of the sweeps, by model joint, in which a controller's joint rests at one angle
+        # Group the sweeps of other joints by the angle at which this controller's joint rests
         angles = np.array([other.sweep.angles[:, joint].mean() for other in in_order])
         others = np.array([other.sweep.joint != joint for other in in_order])
         ascending = np.sort(angles[others])

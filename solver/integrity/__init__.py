@@ -36,8 +36,8 @@ def inspect(
 ) -> list[Finding]:
     """Look for the usual mistakes of a day of measurements.
 
-    What a check finds wrong with the whole set ends the search for what follows from it: positions that no
-    posture explains say nothing of drift, and angles that are not the robot's nothing of its springs.
+    A mistake of the whole set ends the checks that build on it: with positions that no posture explains,
+    drift is not checked, and with wrong angles the response of the springs is not.
 
     Args:
         robot: n joints.
@@ -56,7 +56,7 @@ def inspect(
         fitting = list(inspect_robots(view, others))
         suspects, good = (fitting, np.zeros_like(good)) if fitting else (suspects, good)
     exchanged = {finding.where for finding in suspects if finding.code == "targets_swapped"}
-    # A target under another's name did not move as far as the other is
+    # Exchanged names of targets explain a large deflection: only the exchange is reported.
     findings = [f for f in findings if f.code != "deflection_implausibly_large" or f.where not in exchanged]
     responds = not any(finding.code in _NO_RESPONSE for finding in findings)
     findings += [*suspects, *inspect_repeats(view)]

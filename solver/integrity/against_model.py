@@ -79,18 +79,18 @@ class Hypothesis:
 
     code: FindingCode  #: the finding if it is true
     joints: FloatArray  #: (M, n) joints as the controller shows them [rad or m]
-    figure: str  #: change that was tried, for the message: "with ... ".
+    change: str  #: change that was tried, in words for a message, after "with"
     remedy: str  #: the proposed correction
     rows: IndexArray  #: (M,) rows that it can explain, as places among the requested rows
     length: float = 1.0  #: factor on the positions
     unit: Unit | None = None  #: unit of the numbers, if it is not the declared one
 
 
-def unit_hypotheses(joints: FloatArray, prismatic: BoolArray) -> Iterator[Hypothesis]:
-    """Yield lengths and angles in another unit.
+def propose_unit_mistakes(joints: FloatArray, prismatic: BoolArray) -> Iterator[Hypothesis]:
+    """Yield the hypotheses that all lengths, or all angles, were given in another unit.
 
     Args:
-        joints: (M, n) joints of the controller as posted [rad or m].
+        joints: (M, n) joint positions of the controller as posted [rad or m].
         prismatic: (n,) which of them are lengths.
     """
     rows = np.arange(len(joints))
@@ -106,41 +106,43 @@ def unit_hypotheses(joints: FloatArray, prismatic: BoolArray) -> Iterator[Hypoth
         yield Hypothesis(OTHER_UNITS[unit][2], angles, change, "", rows, length, unit)
 
 
-def angle_hypotheses(joints: FloatArray, rows: IndexArray, names: tuple[str, ...]) -> Iterator[Hypothesis]:
-    """Yield a joint's sign, two joints' columns, and rows shifted against the readings.
+def propose_angle_mistakes(
+    joints: FloatArray, rows: IndexArray, names: tuple[str, ...]
+) -> Iterator[Hypothesis]:
+    """Yield the hypotheses of a wrong sign of a joint, exchanged joints, and rows shifted by one.
 
     Args:
         joints: (N, n) controller angles of the whole set [rad].
-        rows: (M,) which of its rows are requested.
-        names: of the controller's joints.
+        rows: (M,) indices of the rows whose angles are corrected.
+        names: names of the controller's joints.
     """
     angles, every = joints[rows], np.arange(len(rows))
     for j, name in enumerate(names):
         sign = np.where(np.arange(len(names)) == j, -1.0, 1.0)
-        figure = f"the angle of {name} with the other sign"
+        change = f"the angle of {name} with the other sign"
         remedy = f"change the sign of {name} in every observation, or in the joint map"
-        yield Hypothesis("joint_sign_suspect", angles * sign, figure, remedy, every)
+        yield Hypothesis("joint_sign_suspect", angles * sign, change, remedy, every)
     for j, k in combinations(range(len(names)), 2):
         order = np.arange(len(names))
         order[[j, k]] = k, j
-        figure = f"the angles of {names[j]} and {names[k]} exchanged"
+        change = f"the angles of {names[j]} and {names[k]} exchanged"
         remedy = f"exchange the columns of {names[j]} and {names[k]} in every observation"
-        yield Hypothesis("joints_swapped", angles[:, order], figure, remedy, every)
+        yield Hypothesis("joints_swapped", angles[:, order], change, remedy, every)
     for shift, neighbour in ((-1, "before"), (1, "after")):
         inside = np.flatnonzero((rows + shift >= 0) & (rows + shift < len(joints)))
         if len(inside):
-            figure = f"the angles of the row {neighbour}"
+            change = f"the angles of the row {neighbour}"
             remedy = f"shift the readings by one row: they belong to the angles of the row {neighbour}"
             shifted = joints[rows[inside] + shift]
-            yield Hypothesis("observations_out_of_order", shifted, figure, remedy, inside)
+            yield Hypothesis("observations_out_of_order", shifted, change, remedy, inside)
 
 
 def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
-    """Compare where each observation sees the targets on the flange.
+    """Check that each observation sees the targets at the same places on the flange.
 
     Returns:
-        The findings; and (N,) rows whose targets sit where they should, or that measured no place: none
-        where the set as a whole is not to be looked at further.
+        The findings; and a mask (N,) of rows that may be checked further: their targets sit where they
+        should, or no position was measured. The mask is all False if the set as a whole is mistaken.
     """
     useful = view.measured & (view.measured.sum(axis=0) > 1)
     rows = np.flatnonzero(useful.any(axis=1))
@@ -148,23 +150,23 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     if len(rows) < 2:
         return [], good
     seen = np.where(useful[..., None], view.places, np.nan)[rows]
-    place = _median(seen)
-    if distance_from(seen, place).max() <= LARGEST_MODEL_ERROR:
-        exchanged, findings = _loaded_exchanged(view, rows, place)
+    place = _compute_median_places(seen)
+    if greatest_distances(seen, place).max() <= LARGEST_MODEL_ERROR:
+        exchanged, findings = _find_exchanges_under_load(view, rows, place)
         good[exchanged] = False
-        return [*_single_rows(view, rows, seen, place), *findings], good
-    # Some targets are far from where the others say: find the mistake that explains it.
-    place = consensus(seen)
-    agree = distance_from(seen, place) <= LARGEST_MODEL_ERROR
-    sample = sampled(rows)
+        return [*_report_mistyped_rows(view, rows, seen, place), *findings], good
+    # Some targets are far from their usual places: find the mistake that explains this.
+    place = find_consensus_places(seen)
+    agree = greatest_distances(seen, place) <= LARGEST_MODEL_ERROR
+    sample = sample_rows(rows)
     joints, judged = view.measurements.joints, []
-    units = unit_hypotheses(joints[sample], view.robot.prismatic)
-    for h in (*units, *angle_hypotheses(joints, sample, view.robot.joint_names)):
+    units = propose_unit_mistakes(joints[sample], view.robot.prismatic)
+    for h in (*units, *propose_angle_mistakes(joints, sample, view.robot.joint_names)):
         chosen = sample[h.rows]
         at = Postures(view.robot, view.robot.joint_map.model_angles(h.joints))
         there = seen_from_flange(at, h.length * view.measurements.position[chosen], view.measured[chosen])
-        mended = consensus(there)
-        judged.append((h, mended, distance_from(there, mended)))
+        mended = find_consensus_places(there)
+        judged.append((h, mended, greatest_distances(there, mended)))
     best, mended, apart = max(
         judged, key=lambda each: (np.sum(each[2] <= LARGEST_MODEL_ERROR), -median(each[2]))
     )
@@ -173,36 +175,44 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     if count >= EXPLAINED * len(sample) and count / len(sample) > posted_share + 0.1:
         effect = (
             f"as posted, the targets keep one position on the flange in {agree.sum()} of {len(rows)} "
-            f"observations; with {best.figure}, in {count} of {len(near)}, within "
+            f"observations; with {best.change}, in {count} of {len(near)}, within "
             f"{length_text(float(apart[near].max()))}"
         )
         if best.unit is not None:
-            return [view.other_unit(best.unit, effect)], ~good
-        return [view.finding(best.code, effect, best.remedy, "do_not_use")], ~good
+            return [view.suspect_other_unit(best.unit, effect)], ~good
+        return [view.build_finding(best.code, effect, best.remedy, "do_not_use")], ~good
     if best.code == "observations_out_of_order" and count / len(sample) > posted_share:
-        place, agree = mended, distance_from(seen, mended) <= LARGEST_MODEL_ERROR
-    exchanged, under_load = _loaded_exchanged(view, rows[agree], place)
+        place, agree = mended, greatest_distances(seen, mended) <= LARGEST_MODEL_ERROR
+    exchanged, under_load = _find_exchanges_under_load(view, rows[agree], place)
     good[[*rows[~agree], *exchanged]] = False
-    findings = [*_row_by_row(view, rows[~agree], seen[~agree], place), *under_load]
+    findings = [*_inspect_disagreeing_rows(view, rows[~agree], seen[~agree], place), *under_load]
     return findings, good & (agree.sum() >= max(2, len(rows) // 2))
 
 
-def _row_by_row(view: View, rows: IndexArray, seen: FloatArray, place: FloatArray) -> Iterator[Finding]:
-    """Look at rows (K,) that disagree one by one: names exchanged, or the readings of another posture.
+def _inspect_disagreeing_rows(
+    view: View, rows: IndexArray, seen: FloatArray, place: FloatArray
+) -> Iterator[Finding]:
+    """Find the mistake of each row that disagrees: exchanged names, or readings of another posture.
 
-    Their targets are seen (K, T, 3) on the flange, and those of the others at a place (T, 3) [m].
+    Args:
+        view: measurement set.
+        rows: (K,) indices of the rows that disagree with the others.
+        seen: (K, T, 3) targets of these rows as seen from the flange [m].
+        place: (T, 3) places on the flange where the other rows see the targets [m].
     """
     elsewhere: dict[int, int] = {}
     for i, own in zip(rows.tolist(), seen, strict=True):
-        order = _true_target_of_each(own, place)
+        order = _match_targets_to_places(own, place)
         if order is not None:
-            yield from _exchanged(view, i, order, _true_target_of_each(_under_load(view, i), place))
-        elif len(elsewhere) < _SEARCHED and (j := _posture_of(view, i, place)) is not None:
+            yield from _report_exchanged_targets(
+                view, i, order, _match_targets_to_places(_place_loaded_targets(view, i), place)
+            )
+        elif len(elsewhere) < _SEARCHED and (j := _find_posture_of_readings(view, i, place)) is not None:
             elsewhere[i] = j
         else:
             apart = np.nan_to_num(np.linalg.norm(own - place, axis=1))
             t = int(apart.argmax())
-            yield view.finding(
+            yield view.build_finding(
                 "target_off_model",
                 f"target '{view.measurements.targets[t]}' is {length_text(apart[t])} away from its median "
                 "position on the flange",
@@ -215,7 +225,7 @@ def _row_by_row(view: View, rows: IndexArray, seen: FloatArray, place: FloatArra
         moved = [i for i, j in elsewhere.items() if j == i + shift]
         if len(moved) < 2 or any(elsewhere.get(elsewhere[i]) == i for i in moved):
             continue
-        yield view.finding(
+        yield view.build_finding(
             "observations_out_of_order",
             f"the readings of {len(moved)} observations, observations[{moved[0]}] to [{moved[-1]}], were "
             f"taken at the angles of the row {neighbour}",
@@ -225,7 +235,7 @@ def _row_by_row(view: View, rows: IndexArray, seen: FloatArray, place: FloatArra
         )
         elsewhere = {i: j for i, j in elsewhere.items() if i not in moved}
     for i, j in elsewhere.items():
-        yield view.finding(
+        yield view.build_finding(
             "observations_out_of_order",
             f"its readings match the angles of observations[{j}]",
             "match readings and angles again; check the order of both",
@@ -234,8 +244,11 @@ def _row_by_row(view: View, rows: IndexArray, seen: FloatArray, place: FloatArra
         )
 
 
-def _posture_of(view: View, i: int, place: FloatArray) -> int | None:
-    """Return the row whose posture these readings were taken in, the nearest of several; None without one."""
+def _find_posture_of_readings(view: View, i: int, place: FloatArray) -> int | None:
+    """Return the row in whose posture the readings of row i were taken; None if they fit no posture.
+
+    Of several rows the nearest is returned. Targets sit at `place` (T, 3) [m] on the flange.
+    """
     at = view.postures
     expected = at.to_base(np.broadcast_to(np.nan_to_num(place), (len(at), *place.shape)))
     known = view.measured[i] & ~np.isnan(place[:, 0])
@@ -246,54 +259,70 @@ def _posture_of(view: View, i: int, place: FloatArray) -> int | None:
     return int(fitting[np.abs(fitting - i).argmin()]) if len(fitting) else None
 
 
-def _under_load(view: View, i: int) -> FloatArray:
-    """(T, 3) loaded targets of a row as the model without load sees them from the flange [m]."""
+def _place_loaded_targets(view: View, i: int) -> FloatArray:
+    """Return the loaded targets (T, 3) of row i in the flange frame [m], as if the arm did not bend."""
     turned = view.measurements.deflection[i] @ view.postures.flange_rotation[i]
     return np.asarray(view.places[i] + turned)
 
 
-def _exchanged(
+def _report_exchanged_targets(
     view: View, i: int, unloaded: IndexArray | None, loaded: IndexArray | None
 ) -> Iterator[Finding]:
-    """Name the targets that each one really is (T,) in a row: at once where both states have the same."""
+    """Report targets of row i whose names are exchanged; one finding if both states have the same exchange.
+
+    Args:
+        view: measurement set.
+        i: index of the row.
+        unloaded: (T,) index of the true target of each unloaded reading; None without an exchange.
+        loaded: the same for loaded readings.
+    """
     both = unloaded is not None and loaded is not None and np.array_equal(unloaded, loaded)
     states = [("unloaded", unloaded), ("loaded", loaded)]
     for state, order in [("unloaded and loaded", unloaded)] if both else states:
         if order is None:
             continue
-        renamed, label = _rename(order), view.measurements.labels[i]
+        renamed, label = _list_wrong_names(order), view.measurements.labels[i]
         *names, last = (f"'{view.measurements.targets[t]}'" for t in renamed)
         who = f"{', '.join(names)} and {last}" if names else last
         if sorted(order[renamed]) == renamed:
             message = f"{who} are exchanged in the {state} readings of '{label}'"
-            message += f": the target named {_pairs(view, order)}" if len(renamed) > 2 else ""
+            message += f": the target named {_describe_true_names(view, order)}" if len(renamed) > 2 else ""
             remedy = f"exchange {'' if both else 'only '}the {state} values of {who} in '{label}'"
         else:  # the value of one of them was not read
-            message = f"in the {state} readings of '{label}' the target named {_pairs(view, order)}"
+            message = (
+                f"in the {state} readings of '{label}' the target named {_describe_true_names(view, order)}"
+            )
             remedy = f"repeat the observation, or remove these readings of {who}"
-        yield view.finding("targets_swapped", message, remedy, "do_not_use", row=i)
+        yield view.build_finding("targets_swapped", message, remedy, "do_not_use", row=i)
 
 
-def _pairs(view: View, order: IndexArray) -> str:
+def _describe_true_names(view: View, order: IndexArray) -> str:
+    """Return in words which target each wrongly named one really is, by true indices (T,)."""
     names = view.measurements.targets
-    return ", ".join(f"'{names[t]}' is '{names[order[t]]}'" for t in _rename(order))
+    return ", ".join(f"'{names[t]}' is '{names[order[t]]}'" for t in _list_wrong_names(order))
 
 
-def _rename(order: IndexArray) -> list[int]:
+def _list_wrong_names(order: IndexArray) -> list[int]:
+    """Return the indices of targets whose true index, in order (T,), differs from their own."""
     return [t for t, own in enumerate(order.tolist()) if own != t]
 
 
-def _single_rows(view: View, rows: IndexArray, seen: FloatArray, place: FloatArray) -> Iterator[Finding]:
-    """Name rows with mistyped angles.
+def _report_mistyped_rows(
+    view: View, rows: IndexArray, seen: FloatArray, place: FloatArray
+) -> Iterator[Finding]:
+    """Report rows with mistyped angles, by which all targets of a row are far from their places at once.
 
-    They move all targets of a row (M, T, 3) at once, further from their place (T, 3) [m] than the
-    model's errors do elsewhere.
+    Args:
+        view: measurement set.
+        rows: (M,) indices of the rows.
+        seen: (M, T, 3) their targets as seen from the flange [m].
+        place: (T, 3) median places of the targets on the flange [m].
     """
     with np.errstate(invalid="ignore"):
         nearest = np.fmin.reduce(np.linalg.norm(seen - place, axis=2), axis=1)
     typical = median(nearest)
     for b in np.flatnonzero(nearest > max(OUTLIER * typical, SMALLEST_OUTLIER)):
-        yield view.finding(
+        yield view.build_finding(
             "target_off_model",
             f"all targets are at least {length_text(nearest[b])} away from their median positions on "
             f"the flange; typical is {length_text(typical)}",
@@ -302,40 +331,69 @@ def _single_rows(view: View, rows: IndexArray, seen: FloatArray, place: FloatArr
         )
 
 
-def _loaded_exchanged(view: View, rows: IndexArray, place: FloatArray) -> tuple[list[int], list[Finding]]:
-    """Find rows, unloaded in place (T, 3) [m], whose loaded readings sit where other targets do."""
+def _find_exchanges_under_load(
+    view: View, rows: IndexArray, place: FloatArray
+) -> tuple[list[int], list[Finding]]:
+    """Find rows whose loaded readings sit at the places of other targets.
+
+    Args:
+        view: measurement set.
+        rows: (M,) rows whose unloaded targets are in place.
+        place: (T, 3) places of the targets on the flange [m].
+
+    Returns:
+        Indices of these rows, and the findings.
+    """
     far = (np.linalg.norm(view.measurements.deflection[rows], axis=2) > LARGEST_MODEL_ERROR).any(axis=1)
-    orders = {i: _true_target_of_each(_under_load(view, i), place) for i in rows[far].tolist()}
+    orders = {i: _match_targets_to_places(_place_loaded_targets(view, i), place) for i in rows[far].tolist()}
     found = {i: order for i, order in orders.items() if order is not None}
-    return list(found), [each for i, order in found.items() for each in _exchanged(view, i, None, order)]
+    return list(found), [
+        each for i, order in found.items() for each in _report_exchanged_targets(view, i, None, order)
+    ]
 
 
-def sampled(rows: IndexArray) -> IndexArray:
-    """Return as many of the rows (M,) as suffice to find a mistake of the whole set, evenly chosen."""
+def sample_rows(rows: IndexArray) -> IndexArray:
+    """Return at most `_ROWS` of the rows (M,), evenly spread: enough to find a mistake of the whole set."""
     return np.asarray(rows[np.unique(np.linspace(0, len(rows) - 1, _ROWS).round().astype(int))])
 
 
-def distance_from(seen: FloatArray, place: FloatArray) -> FloatArray:
-    """(M,) greatest distance of a target from its place [m]; 0 where none was measured."""
+def greatest_distances(seen: FloatArray, place: FloatArray) -> FloatArray:
+    """Return the greatest distance (M,) of a target from its place [m], by row; 0 where none was measured.
+
+    Args:
+        seen: (M, T, 3) targets as seen from the flange [m]; NaN where not measured.
+        place: (T, 3) places of the targets on the flange [m].
+    """
     return np.asarray(np.nan_to_num(np.linalg.norm(seen - place, axis=2)).max(axis=1))
 
 
-def consensus(seen: FloatArray) -> FloatArray:
-    """(T, 3) place that most rows agree on: the median would be nowhere with half of the rows wrong."""
+def find_consensus_places(seen: FloatArray) -> FloatArray:
+    """Return the places (T, 3) on the flange [m] that most rows of `seen` (M, T, 3) agree on.
+
+    A plain median would lie between two places if half of the rows are wrong.
+    """
     anchors = seen[np.unique(np.linspace(0, len(seen) - 1, _ANCHORS).round().astype(int))]
-    support = [distance_from(seen, anchor) <= 2.0 * LARGEST_MODEL_ERROR for anchor in anchors]
-    return _median(seen[max(support, key=lambda near: int(near.sum()))])
+    support = [greatest_distances(seen, anchor) <= 2.0 * LARGEST_MODEL_ERROR for anchor in anchors]
+    return _compute_median_places(seen[max(support, key=lambda near: int(near.sum()))])
 
 
-def _median(seen: FloatArray) -> FloatArray:
-    """(T, 3) median place of each target; nan where it was not measured."""
+def _compute_median_places(seen: FloatArray) -> FloatArray:
+    """Return the median place (T, 3) of each target over rows (M, T, 3); NaN where it was not measured."""
     ordered, count = np.sort(seen, axis=0), np.maximum((~np.isnan(seen)).sum(axis=0), 1)
     middle = np.take_along_axis(ordered, np.stack([(count - 1) // 2, count // 2]), axis=0)
     return np.asarray(0.5 * middle.sum(axis=0))
 
 
-def _true_target_of_each(seen: FloatArray, place: FloatArray) -> IndexArray | None:
-    """(T,) the target that each one really is; None if that explains nothing."""
+def _match_targets_to_places(seen: FloatArray, place: FloatArray) -> IndexArray | None:
+    """Find out whether targets under exchanged names would be at their places.
+
+    Args:
+        seen: (T, 3) targets of one row as seen from the flange [m]; NaN where not measured.
+        place: (T, 3) places of the targets on the flange [m].
+
+    Returns:
+        (T,) index of the true target of each reading; None if no exchange explains the readings.
+    """
     order = np.arange(len(place))
     read = np.flatnonzero(~np.isnan(seen[:, 0]))
     distance = np.linalg.norm(seen[read, None] - place, axis=2)
@@ -348,17 +406,17 @@ def _true_target_of_each(seen: FloatArray, place: FloatArray) -> IndexArray | No
 
 
 def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
-    """Look for targets that moved on the flange.
+    """Report targets that moved on the flange, by distances between targets, and understated noise.
 
     Args:
-        view: of the set.
+        view: measurement set.
         good: (N,) rows whose angles and names are not in doubt.
     """
     measured, names = view.measured & good[:, None], view.measurements.targets
     places = np.where(measured[..., None], view.places, np.nan)
     step = find_step(places, view.measurements.joints, allowance=_ORDERED if view.in_order else 1.0)
     if step is not None:
-        yield view.finding(
+        yield view.build_finding(
             "target_moved",
             f"from here on, '{names[step.target]}' is displaced by {length_text(step.size)} on "
             f"the flange, relative to the other targets; {figure(step.ratio, '.3g')} times the limit for "
@@ -374,41 +432,42 @@ def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
     if not len(first):
         return
     both = measured[:, first] & measured[:, second]
-    # (2, N, P) distance of each pair less its median [m], unloaded and loaded; those to a target that moved
-    # are compared with others of the same side of the step
+    # `change` (2, N, P) is the distance of each pair less its median [m], unloaded and loaded. Distances to a
+    # target that moved are compared before and after the step separately.
     m = view.measurements
     states = (m.position, m.position + m.deflection)
     lengths = np.stack([np.linalg.norm(s[:, first] - s[:, second], axis=2) for s in states])
-    change = _less_median(lengths, both)
+    change = _subtract_pair_medians(lengths, both)
     if step is not None:
         touched = (first == step.target) | (second == step.target)
         for side in (slice(None, step.row), slice(step.row, None)):
-            change[:, side, touched] = _less_median(lengths[:, side, touched], both[side, touched])
+            change[:, side, touched] = _subtract_pair_medians(lengths[:, side, touched], both[side, touched])
     scatter = median(np.abs(change[:, both])) / MEDIAN_SIZE
     sigma = np.where(both, np.hypot(view.reading_sigma[:, first], view.reading_sigma[:, second]), 0.0)
     typical = median(sigma[both])
     if typical > 0.0 and both.sum() >= _ENOUGH and scatter >= OVERSTATED * typical:
-        yield view.finding(
+        yield view.build_finding(
             "sigma_suspect",
             f"distances between targets scatter by {length_text(scatter)}, but the stated noise "
             f"gives {length_text(typical)}",
             "check the stated noise and its unit; or omit `noise` so that sigma is estimated from the "
             "residuals",
         )
-    # (N, P) changes beyond which it is not noise [m]: as stated, or as the distances scatter; in two states
+    # `limits` (N, P) are changes [m] that noise does not explain: noise as stated, or as distances scatter.
+    # The factor 4 is two states times two signs.
     quantile = -special.ndtri(FALSE_ALARM / (4.0 * both.sum()))
     chance = MODEL_ALLOWANCE * quantile * max(np.sqrt(2.0) * LEAST_SIGMA, scatter)
     limits = np.maximum(quantile * sigma, 0.5 * chance if sigma.any() else chance)
     for i in np.flatnonzero((np.abs(change).max(axis=0) > limits).any(axis=1)).tolist():
         own = np.abs(change[:, i])
         p = int((own.max(axis=0) / limits[i]).argmax())
-        # The target that leaves the least change to the others, and those that do nearly as well
+        # Suspect the target without which the other distances change least, and any that are nearly as good.
         squares, pairs = (own**2).sum(axis=0), np.array([first, second])
         present = np.unique(pairs[:, both[i]])
         left = np.array([squares[(pairs != t).all(axis=0)].sum() for t in present])
         suspects = present[left <= _CLEARER * (left.min() + (scatter + 1e-9) ** 2)]
         who = " or ".join(f"'{names[t]}'" for t in suspects)
-        yield view.finding(
+        yield view.build_finding(
             "targets_not_rigid",
             f"the distance between '{names[first[p]]}' and '{names[second[p]]}' "
             f"({'loaded' if own[1, p] > own[0, p] else 'unloaded'}) differs by "
@@ -431,8 +490,8 @@ class Step:
     ratio: float  #: ratio of the displacement to what chance allows
 
 
-def _less_median(lengths: FloatArray, both: BoolArray) -> FloatArray:
-    """(2, N, P) each distance less the median of its pair; zero where not measured."""
+def _subtract_pair_medians(lengths: FloatArray, both: BoolArray) -> FloatArray:
+    """Return distances (2, N, P) less the median of their pair; zero where `both` (N, P) is False."""
     if both.all():
         return np.asarray(lengths - np.median(lengths, axis=(0, 1)))
     out = np.zeros(lengths.shape)
@@ -444,13 +503,10 @@ def _less_median(lengths: FloatArray, both: BoolArray) -> FloatArray:
 def find_step(places: FloatArray, joints: FloatArray, allowance: float = 1.0) -> Step | None:
     """Find the most significant lasting displacement of a target relative to the barycentre of the others.
 
-    The others take away what the model has wrong of the flange's position; what it has wrong of its
-    direction, a fraction of a millimetre on the targets' triangle, varies with the posture and is part of the
-    scatter. The scale is that of the changes from row to row, by their median, which a single step does not
-    touch, or that of the rows about the means of both sides, whichever is greater. The model's error of the
-    flange's direction moves a target relative to the others, too, but changes no distance: a step needs a
-    distance that changed by `SMALLEST_MOTION`. And it needs two postures on each side, as one may be off the
-    model.
+    Taking differences to the other targets removes the model's error of the flange's position. Its error of
+    the flange's direction varies with the posture and is part of the scatter; it changes no distance, so a
+    step needs a distance that changed by `SMALLEST_MOTION`. The scatter is the median change from row to row,
+    or that about the means of both sides, if greater. A step needs two postures on either side.
 
     Args:
         places: (N, T, 3) in the flange frame [m]; nan where a target was not measured.
@@ -458,7 +514,7 @@ def find_step(places: FloatArray, joints: FloatArray, allowance: float = 1.0) ->
         allowance: factor on what chance allows.
 
     Returns:
-        None if there is none beyond chance.
+        The step; None if no displacement is beyond chance.
     """
     read = ~np.isnan(places[..., 0])
     together = read.sum(axis=1)
@@ -501,13 +557,14 @@ def find_step(places: FloatArray, joints: FloatArray, allowance: float = 1.0) ->
 
 
 def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
-    """Fit a steady motion of the barycentre of the targets, together with what may be wrong in the model.
+    """Report a steady drift of the unloaded targets over the set, by an F test of its three components.
 
-    Joint offsets, the base's place and the barycentre's place on the flange are fitted together with it.
-    F-test of its three components. No finding is made where the postures themselves were measured in order.
+    The motion of the targets' barycentre is fitted together with joint offsets, the base's place and the
+    barycentre's place on the flange. A set measured in the order of a joint's angle gives no finding, as
+    model errors then look like a drift.
 
     Args:
-        view: of the set.
+        view: measurement set.
         good: (N,) rows whose angles and names are not in doubt.
     """
     measured = view.measured & good[:, None]
@@ -515,8 +572,8 @@ def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
     rows = np.flatnonzero((measured == measured[measured.sum(axis=1).argmax()]).all(axis=1))
     if most == 0 or len(rows) < LEAST_ROWS_OF_DRIFT or view.in_order:
         return
-    # Motion of the barycentre for offsets of the joints, of its place on the flange and of the base, and
-    # where it is off its median place on the flange, axes of R0 [m]
+    # Columns of the fit: motion of the barycentre by joint offsets, its place on the flange, the base's place
+    # and the drift; then its distance from its median place on the flange. Axes of R0 [m].
     at, which = view.postures, measured[rows[0]]
     points = np.zeros((len(at), 1, 3))
     points[rows, 0] = view.measurements.position[rows][:, which].mean(axis=1)
@@ -539,7 +596,7 @@ def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
     drift = triangle.fit_with(["motion"], "model").unknowns
     size = float(np.linalg.norm(drift))
     if chance < FALSE_ALARM and size > SMALLEST_MOTION:
-        yield view.finding(
+        yield view.build_finding(
             "drift_in_time",
             f"over the whole set, the unloaded targets drifted by {length_text(size)} relative to the "
             f"robot's model (x {length_text(drift[0])}, y {length_text(drift[1])}, z "
@@ -591,34 +648,34 @@ class Springs:
 
     @classmethod
     def fit(cls, block: RegressorBlock, rows: slice = _ALL, shift: int = 0) -> Springs:
-        """Fit compliances of either sign, by sums of distances rather than of squares.
+        """Fit compliances of either sign so as to minimise the sum of distances, not of their squares.
 
-        So some mistakes move them little.
+        Few mistaken rows then hardly change the fit.
 
         Args:
-            block: of the whole set.
-            rows: which deflections are fitted; all are predicted.
-            shift: by how many rows the loads and postures that they belong to lie after them.
+            block: regressor and deflections of the whole set.
+            rows: rows whose deflections are fitted; all are predicted.
+            shift: number of rows by which loads and postures are taken from later rows than the deflections.
         """
         deflection, count = block.measurements.deflection, len(block.A)
         chosen = np.arange(count)[rows]
         chosen = chosen[(chosen + shift >= 0) & (chosen + shift < count)]
         chosen = chosen[:: max(1, -(-len(chosen) // _SAMPLE))]
         A = block.A[chosen + shift].reshape(len(chosen), -1, block.A.shape[-1])
-        compliance = _least_distances(A, deflection[chosen].reshape(len(chosen), -1))
+        compliance = _minimise_distances(A, deflection[chosen].reshape(len(chosen), -1))
         predicted = block.A @ compliance
-        moved = median(norms(deflection))
+        moved = median(observation_norms(deflection))
         return cls(
             predicted=predicted,
             residual=deflection - predicted,
             work=float((block.torque**2).sum(axis=0) @ compliance),
             parameters=int(np.count_nonzero(compliance)),
-            unexplained=float(median(norms(deflection - predicted)) / moved) if moved else 0.0,
+            unexplained=float(median(observation_norms(deflection - predicted)) / moved) if moved else 0.0,
         )
 
 
-def _least_distances(A: FloatArray, d: FloatArray) -> FloatArray:
-    """Compliances (n,) that minimise the sum of the observations' distances ‖d_i − A_i c‖, by reweighting."""
+def _minimise_distances(A: FloatArray, d: FloatArray) -> FloatArray:
+    """Return the compliances c (n,) that minimise Σ ‖d_i − A_i c‖, by reweighted least squares."""
     norms = np.sqrt((A**2).sum(axis=(0, 1)))
     visible = np.flatnonzero(norms > _NULL * norms.max())
     compliance = np.zeros(A.shape[-1])
@@ -636,16 +693,16 @@ def _least_distances(A: FloatArray, d: FloatArray) -> FloatArray:
     return compliance
 
 
-def norms(rows: FloatArray) -> FloatArray:
-    """Return the lengths (N,) of all that belongs to each observation."""
+def observation_norms(rows: FloatArray) -> FloatArray:
+    """Return the Euclidean norm (N,) of all components of each observation."""
     return np.asarray(np.linalg.norm(rows.reshape(len(rows), -1), axis=1))
 
 
 def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
-    """Fit any springs to the deflections and look at what is left.
+    """Fit joint springs to the deflections, and report mistakes that the residuals show.
 
     Args:
-        view: of the set.
+        view: measurement set.
         good: (N,) rows whose angles and names are not in doubt.
     """
     rows = np.flatnonzero(good & view.loaded)
@@ -658,16 +715,16 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
         return
     block = whole_block(view.robot, part)
     springs = Springs.fit(block)
-    of_the_set = _mistake_of_the_set(view, rows, block, springs)
+    of_the_set = _find_mistake_of_the_set(view, rows, block, springs)
     if of_the_set is not None:
         yield of_the_set
         return
-    # (M,) observations that are explained much better with the load reversed
-    predicted, residual = norms(springs.predicted), norms(springs.residual)
-    turned = norms(springs.residual + 2.0 * springs.predicted)
+    # `against` (M,) marks observations that are explained much better with the load reversed.
+    predicted, residual = observation_norms(springs.predicted), observation_norms(springs.residual)
+    turned = observation_norms(springs.residual + 2.0 * springs.predicted)
     against = np.asarray((turned < FLIPPED * residual) & (predicted > noise))
     for k in np.flatnonzero(against):
-        yield view.finding(
+        yield view.build_finding(
             "deflection_against_force",
             f"under {figure(float(np.linalg.norm(part.force[k])))} N the targets moved opposite to the "
             f"prediction from the other observations, by {length_text(predicted[k])}; with the load reversed "
@@ -681,19 +738,22 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
         yield from _find_residual_outliers(view, rows, part, springs, judged)
 
 
-def _mistake_of_the_set(
+def _find_mistake_of_the_set(
     view: View, rows: IndexArray, block: RegressorBlock, springs: Springs
 ) -> Finding | None:
-    """Look for a mistake in all or many rows; read positions have shown mistakes in the angles."""
+    """Return the finding about a mistake in all or many rows; None without one.
+
+    Mistaken angles and shifted rows are searched only without positions, which have been checked before.
+    """
     if not view.measured.any():
-        if springs.unexplained > WORTH_A_SEARCH and (mistake := _mistaken_angles(view, block, springs)):
+        if springs.unexplained > WORTH_A_SEARCH and (mistake := _find_mistaken_angles(view, block, springs)):
             return mistake
-        if shifted := _shifted_rows(view, rows, block, springs):
+        if shifted := _find_shifted_rows(view, rows, block, springs):
             return shifted
     part = block.measurements
     if springs.unexplained > UNEXPLAINED:
         typical = median(np.linalg.norm(part.deflection, axis=2)[part.present])
-        return view.finding(
+        return view.build_finding(
             "deflections_unexplained",
             f"joint compliances do not explain the deflections: of {length_text(typical)} (median), "
             f"{100.0 * springs.unexplained:.3g} % remain unexplained",
@@ -703,7 +763,7 @@ def _mistake_of_the_set(
     if springs.work >= 0.0:
         return None
     moved = np.einsum("ntj,nj->n", part.deflection, part.force) < 0.0
-    return view.finding(
+    return view.build_finding(
         "force_sign_suspect",
         f"the work of the load on the joints is {springs.work:.3g} J, but must be positive; the "
         f"targets moved against the force in {int(moved.sum())} of {len(moved)} observations",
@@ -713,28 +773,31 @@ def _mistake_of_the_set(
     )
 
 
-def _mistaken_angles(view: View, block: RegressorBlock, springs: Springs) -> Finding | None:
-    """Look for a mistake in the angles whose correction leaves less than half of what is unexplained."""
+def _find_mistaken_angles(view: View, block: RegressorBlock, springs: Springs) -> Finding | None:
+    """Return the finding about mistaken angles whose correction halves the unexplained share, or None."""
     part, judged = block.measurements, []
-    for hypothesis in angle_hypotheses(part.joints, np.arange(len(part)), view.robot.joint_names):
+    for hypothesis in propose_angle_mistakes(part.joints, np.arange(len(part)), view.robot.joint_names):
         corrected = replace(part[hypothesis.rows], joints=hypothesis.joints)
         judged.append((Springs.fit(whole_block(view.robot, corrected)).unexplained, hypothesis))
     left, best = min(judged, key=lambda pair: pair[0])
     if left >= BETTER * springs.unexplained or left > UNEXPLAINED:
         return None
-    return view.finding(
+    return view.build_finding(
         best.code,
         f"joint compliances leave {100.0 * springs.unexplained:.3g} % of the deflections "
-        f"unexplained; with {best.figure}, {100.0 * left:.3g} %",
+        f"unexplained; with {best.change}, {100.0 * left:.3g} %",
         best.remedy,
         "do_not_use",
     )
 
 
-def _shifted_rows(view: View, rows: IndexArray, block: RegressorBlock, springs: Springs) -> Finding | None:
-    """Look for rows whose deflections fit a neighbour better by far: the longest run of them.
+def _find_shifted_rows(
+    view: View, rows: IndexArray, block: RegressorBlock, springs: Springs
+) -> Finding | None:
+    """Return the finding about the longest run of rows whose deflections fit a neighbouring row far better.
 
-    With too many such rows, the springs are those of the half that is surely alike.
+    With a large unexplained share, springs are also fitted to one half of the rows, with and without a shift,
+    because a fit to all rows would mix both kinds. Returns None without such a run.
     """
     fits, deflection = [springs], block.measurements.deflection
     if springs.unexplained > UNEXPLAINED:
@@ -743,9 +806,9 @@ def _shifted_rows(view: View, rows: IndexArray, block: RegressorBlock, springs: 
         fits += [Springs.fit(block, slice(half, None), shift) for shift in (-1, 1)]
     longest, neighbour = np.empty(0, np.intp), ""
     for fit in fits:
-        own = norms(fit.residual)
+        own = observation_norms(fit.residual)
         for by, name in ((-1, "before"), (1, "after")):
-            better = norms(deflection - np.roll(fit.predicted, -by, axis=0)) < BETTER * own
+            better = observation_norms(deflection - np.roll(fit.predicted, -by, axis=0)) < BETTER * own
             better[0 if by < 0 else -1] = False  # the neighbour of the end is not next to the mistake
             marked = np.flatnonzero(better)
             run = max(np.split(marked, np.flatnonzero(np.diff(marked) > 1) + 1), key=len)
@@ -754,7 +817,7 @@ def _shifted_rows(view: View, rows: IndexArray, block: RegressorBlock, springs: 
     if not len(longest):
         return None
     first, last = rows[longest[[0, -1]]].tolist()
-    return view.finding(
+    return view.build_finding(
         "observations_out_of_order",
         f"the deflections of {len(longest)} observations, observations[{first}] to [{last}], "
         f"match the load and posture of the row {neighbour}, not their own",
@@ -780,7 +843,7 @@ def _find_residual_outliers(
     scale = vector_scale(norm[judged], each) * np.sqrt(each * count / freedom)
     limit = MODEL_ALLOWANCE * vector_quantile(count, freedom, each) * scale
     stated = vector_quantile(count, 1e6, each) * np.sqrt(2.0) * view.reading_sigma[rows]
-    # (M, T) residuals that are as unusual relative to the deflection: what else bends does so with the load
+    # A residual has to be unusual relative to the deflection, too: what else bends, bends with the load.
     moved = np.maximum(np.linalg.norm(part.deflection, axis=2), np.linalg.norm(springs.predicted, axis=2))
     share = norm / np.maximum(moved, 1e-300)
     share_limit = MODEL_ALLOWANCE * vector_quantile(count, each * count, each)
@@ -789,9 +852,9 @@ def _find_residual_outliers(
     beyond &= share > min(share_limit, UNEXPLAINED)
     for k in np.flatnonzero(beyond.any(axis=1)):
         t = int(np.where(judged[k], norm[k], 0.0).argmax())
-        pair = exchanged_pair(part.deflection[k], springs.predicted[k], part.present[k])
+        pair = find_exchanged_pair(part.deflection[k], springs.predicted[k], part.present[k])
         if pair is not None:
-            yield view.finding(
+            yield view.build_finding(
                 "targets_swapped",
                 f"with the deflections of '{targets[pair[0]]}' and '{targets[pair[1]]}' exchanged, joint "
                 "compliances explain them twice as well",
@@ -800,7 +863,7 @@ def _find_residual_outliers(
                 row=int(rows[k]),
             )
             continue
-        yield view.finding(
+        yield view.build_finding(
             "residual_outlier",
             f"the deflection of target '{targets[t]}' differs by {length_text(norm[k, t])} from "
             f"the fit to all observations; typical is {length_text(scale)}",
@@ -810,10 +873,16 @@ def _find_residual_outliers(
         )
 
 
-def exchanged_pair(
+def find_exchanged_pair(
     deflection: FloatArray, predicted: FloatArray, present: BoolArray
 ) -> tuple[int, int] | None:
-    """Two targets whose deflections (T, 3) [m] fit better by far under each other's name."""
+    """Return two targets whose deflections fit far better if exchanged; None without such a pair.
+
+    Args:
+        deflection: (T, 3) measured [m].
+        predicted: (T, 3) predicted [m].
+        present: (T,) targets that were read.
+    """
     read = np.flatnonzero(present)
     best, least = None, BETTER * float(np.linalg.norm(deflection[read] - predicted[read]))
     for a, b in combinations(read.tolist(), 2):
@@ -826,12 +895,12 @@ def exchanged_pair(
 
 
 def inspect_encoders(view: View) -> Iterator[Finding]:
-    """Look for encoders that cannot be right: against the load's torque, or further than joints bend.
+    """Report encoders that show a deflection opposite to the load's torque, or an implausibly large one.
 
-    A spring gives way to its torque, so ``τ_j δθ_j`` is work done on it, and not negative but by noise.
+    A spring gives way to its torque, so the work ``τ_j δθ_j`` on it is negative by noise alone.
 
     Yields:
-        At most one finding of each kind a joint.
+        At most one finding of each kind for each joint.
     """
     names, encoders = view.robot.joint_names, view.measurements.encoders  # none of prismatic joints
     if encoders is None:
@@ -843,7 +912,7 @@ def inspect_encoders(view: View) -> Iterator[Finding]:
     for j in np.flatnonzero(against.any(axis=0)):
         rows = np.flatnonzero(against[:, j])
         worst = int(rows[size[rows, j].argmax()])
-        yield view.finding(
+        yield view.build_finding(
             "encoder_against_torque",
             f"the encoder of {names[j]} shows {1e6 * encoders.deflection[worst, j]:.3g} µrad, opposite to "
             f"the torque of {figure(torque[worst, j])} N.m, in {len(rows)} of "
@@ -854,7 +923,7 @@ def inspect_encoders(view: View) -> Iterator[Finding]:
         )
     for j in np.flatnonzero(size.max(axis=0) > LARGEST_ENCODER_DEFLECTION):
         worst = int(size[:, j].argmax())
-        yield view.finding(
+        yield view.build_finding(
             "encoder_deflection_implausibly_large",
             f"the encoder of {names[j]} shows a deflection of {1e3 * size[worst, j]:.3g} mrad",
             "check `units.angle`, and that unloaded and loaded readings are of the same posture",

@@ -14,9 +14,9 @@ from jointstiff.solver.integrity.against_model import (
     EXPLAINED,
     LARGEST_MODEL_ERROR,
     LEAST_ROWS,
-    consensus,
-    distance_from,
-    sampled,
+    find_consensus_places,
+    greatest_distances,
+    sample_rows,
 )
 from jointstiff.solver.integrity.values import View, median, seen_from_flange
 from jointstiff.solver.mechanics.measurements import Measurements
@@ -64,19 +64,19 @@ def inspect_robots(view: View, others: Iterable[KnownRobot]) -> Iterator[Finding
     `LARGEST_MODEL_ERROR`, in clearly fewer.
 
     Args:
-        view: of the set, with the chosen robot.
+        view: measurement set, seen with the chosen robot.
         others: robots to try; those of other kinds of joints are passed over.
     """
     useful = view.measured & (view.measured.sum(axis=0) > 1)
-    rows = sampled(np.flatnonzero(useful.any(axis=1)))
+    rows = sample_rows(np.flatnonzero(useful.any(axis=1)))
     if len(rows) < LEAST_ROWS:
         return
     part, useful, fits = view.measurements[rows], useful[rows], []
-    chosen = int((_distance_apart(view.robot, part, useful) <= LARGEST_MODEL_ERROR).sum())
+    chosen = int((_measure_target_distances(view.robot, part, useful) <= LARGEST_MODEL_ERROR).sum())
     for known in others:
         if known.robot.joint_kinds != view.robot.joint_kinds:
             continue
-        apart = _distance_apart(known.robot, part, useful)
+        apart = _measure_target_distances(known.robot, part, useful)
         near = apart <= LARGEST_NOMINAL_ERROR
         count = int(near.sum())
         if count >= EXPLAINED * len(rows) and count > chosen + CLEARLY * len(rows):
@@ -86,7 +86,7 @@ def inspect_robots(view: View, others: Iterable[KnownRobot]) -> Iterator[Finding
         alike = [f"'{each.known.name}'" for each in fits if each is not fit and _are_alike(each, fit)]
         tie = f"; {' and '.join(alike)} fit{'s' if len(alike) == 1 else ''} as well" if alike else ""
         name = fit.known.name
-        yield view.finding(
+        yield view.build_finding(
             "another_robot_fits",
             f"with the robot '{name}', {fit.near} of {len(rows)} observations keep the targets on one place "
             f"of the flange, within {length_text(fit.within)}; with the chosen robot {chosen} of "
@@ -97,14 +97,23 @@ def inspect_robots(view: View, others: Iterable[KnownRobot]) -> Iterator[Finding
         )
 
 
-def _distance_apart(robot: Robot, part: Measurements, useful: BoolArray) -> FloatArray:
-    """(M,) greatest distance [m] of a useful target (M, T) from the place where most see it on the flange."""
+def _measure_target_distances(robot: Robot, part: Measurements, useful: BoolArray) -> FloatArray:
+    """Return for each observation the greatest distance of a target from its usual place on the flange.
+
+    Args:
+        robot: robot that may have been measured.
+        part: M observations of T targets.
+        useful: (M, T) targets that are compared.
+
+    Returns:
+        (M,) distances [m].
+    """
     at = Postures(robot, robot.joint_map.model_angles(part.joints))
     seen = seen_from_flange(at, part.position, useful)
-    return distance_from(seen, consensus(seen))
+    return greatest_distances(seen, find_consensus_places(seen))
 
 
 def _are_alike(one: _Fit, other: _Fit) -> bool:
-    """Return whether the positions do not distinguish two robots."""
+    """Return whether two robots explain the positions about equally well."""
     smaller, larger = sorted(round(fit.typical, _MICROMETRES) for fit in (one, other))
     return larger <= ALIKE * smaller

@@ -40,7 +40,7 @@ MODEL_ALLOWANCE: Final = 1.5
 MEDIAN_EFFICIENCY: Final = 0.37
 """Confidence of a scale estimated by medians, as the standard deviation of that share of the readings."""
 MEDIAN_SIZE: Final = 0.6744897501960817
-"""Median of the absolute value of one."""
+"""Median of the absolute value of a standard normal variable."""
 SAME_ANGLE: Final = 1e-5
 """Tolerance of angles [rad] of the same posture: 20 µm at 2 m."""
 LARGEST_DEFLECTION: Final = 0.02
@@ -73,7 +73,7 @@ class View:
     measurements: Measurements  #: as they came
     degrees: bool = False  #: whether the angles were posted in degrees
 
-    def finding(
+    def build_finding(
         self,
         code: FindingCode,
         message: str,
@@ -83,7 +83,7 @@ class View:
         *,
         row: int | None = None,
     ) -> Finding:
-        """Return what was found in an observation (row), or in the whole set."""
+        """Build a finding about one observation (row), or about the whole set if row is None."""
         return Finding(
             code=code,
             weight=weight,
@@ -94,10 +94,15 @@ class View:
             action=action,
         )
 
-    def other_unit(self, unit: Unit, effect: str) -> Finding:
-        """Return that a quantity seems to be in a unit that is not the declared one, with what shows it."""
+    def suspect_other_unit(self, unit: Unit, effect: str) -> Finding:
+        """Build the finding that lengths or angles seem to be in another unit than the declared one.
+
+        Args:
+            unit: unit that the numbers seem to have.
+            effect: evidence in words.
+        """
         quantity, declared, code = OTHER_UNITS[unit]
-        return self.finding(
+        return self.build_finding(
             code,
             f"the {quantity}s seem to be in {unit}, not in {declared} as declared: {effect}",
             f"set `units.{quantity}` to {unit}",
@@ -107,19 +112,19 @@ class View:
 
     @cached_property
     def postures(self) -> Postures:
-        """Postures by the model, without load."""
+        """Kinematics of the N postures by the model, without load."""
         return unloaded_postures(self.robot, self.measurements)
 
     @cached_property
     def measured(self) -> BoolArray:
-        """(N, T) whose positions were read in R0."""
+        """(N, T) targets whose positions were read in R0."""
         return np.asarray(self.measurements.present & ~self.measurements.in_flange)
 
     @cached_property
     def places(self) -> FloatArray:
-        """(N, T, 3) of the unloaded targets as the model sees them from the flange [m]; nan if not measured.
+        """(N, T, 3) places of unloaded targets in the flange frame [m], by the model; NaN if not measured.
 
-        A target sits still on the flange, so with a perfect model each stays where it is.
+        Targets are fixed to the flange, so with a perfect model a target has the same place in all rows.
         """
         return seen_from_flange(self.postures, self.measurements.position, self.measured)
 
@@ -134,7 +139,7 @@ class View:
     def in_order(self) -> bool:
         """Return whether the postures were measured in the order of a joint's angle.
 
-        What the model has wrong then changes with the rows as a drift does.
+        Errors of the model then change from row to row as a drift does.
         """
         q = self.measurements.joints
         time = np.arange(len(q)) - 0.5 * (len(q) - 1)
@@ -144,19 +149,22 @@ class View:
 
     @cached_property
     def loaded(self) -> BoolArray:
-        """(N,) which observations have a load at all."""
+        """(N,) whether an observation has any load."""
         return np.asarray(self.measurements.force.any(axis=1) | self.measurements.moment.any(axis=1))
 
 
 def seen_from_flange(postures: Postures, position: FloatArray, measured: BoolArray) -> FloatArray:
-    """(N, T, 3) positions in R0 [m] brought into the flange frame; nan where not measured."""
+    """Return positions (N, T, 3) in R0 [m] transformed to the flange frame; NaN where not measured."""
     return np.where(measured[..., None], postures.to_flange(position), np.nan)
 
 
 def vector_quantile(comparisons: int, freedom: float, coordinates: int = 3) -> float:
-    """Norm, over its scale, that one of so many vectors exceeds at `FALSE_ALARM`.
+    """Return the norm, relative to its scale, that any of several vectors exceeds by chance at `FALSE_ALARM`.
 
-    The scale was taken by medians from so many coordinates (freedom).
+    Args:
+        comparisons: number of vectors.
+        freedom: number of coordinates from which the scale was estimated by medians.
+        coordinates: coordinates of a vector.
     """
     below = 1.0 - FALSE_ALARM / max(comparisons, 1)
     F = special.fdtri(coordinates, max(1.0, MEDIAN_EFFICIENCY * freedom), below)
@@ -171,26 +179,34 @@ def median(sizes: FloatArray) -> float:
 
 
 def vector_scale(norms: FloatArray, coordinates: int = 3) -> float:
-    """Standard deviation of a coordinate, by the median of the norms (K,) of vectors; 0 for none."""
+    """Estimate the standard deviation of a coordinate by the median norm of K vectors (K,); 0 if K = 0."""
     unit = float(np.sqrt(2.0 * special.gammaincinv(0.5 * coordinates, 0.5)))
     return median(norms) / unit if norms.size else 0.0
 
 
 def inspect_values(view: View) -> Iterator[Finding]:
-    """Look at the numbers as such, without asking how they hang together."""
-    for check in (angles, rare_targets, stated_noise, loads, flange_lengths, deflections, duplicates):
+    """Run all checks that look at the numbers alone, without comparing readings with the robot's model."""
+    for check in (
+        inspect_angles,
+        inspect_rare_targets,
+        inspect_stated_noise,
+        inspect_loads,
+        inspect_flange_lengths,
+        inspect_deflections,
+        inspect_duplicates,
+    ):
         yield from check(view)
 
 
-def angles(view: View) -> Iterator[Finding]:
-    """Name angles that look like another unit's, and joints beyond the robot's limits."""
+def inspect_angles(view: View) -> Iterator[Finding]:
+    """Report angles that seem to be in another unit, and joints beyond the robot's limits."""
     joints, turning = view.measurements.joints, ~view.robot.prismatic
     largest = float(np.abs(joints[:, turning]).max(initial=0.0))
     if not view.degrees and largest > _MANY_TURNS:
-        yield view.other_unit("deg", f"the largest one is {largest:.4g} rad, more than two turns")
+        yield view.suspect_other_unit("deg", f"the largest one is {largest:.4g} rad, more than two turns")
     posted = float(np.rad2deg(largest))
     if view.degrees and 0 < posted <= _SMALL_DEGREES and len(joints) > 1:
-        yield view.other_unit(
+        yield view.suspect_other_unit(
             "rad", f"no joint turns by more than {posted:.3g}° in {len(joints)} observations"
         )
     q = view.robot.joint_map.model_angles(joints)
@@ -198,7 +214,7 @@ def angles(view: View) -> Iterator[Finding]:
     outside = (q < lower - _LIMIT_MARGIN) | (q > upper + _LIMIT_MARGIN)
     for i, j in np.argwhere(outside).tolist():
         units = JOINT_UNITS[view.robot.joint_kinds[j]]
-        yield view.finding(
+        yield view.build_finding(
             "joint_outside_limits",
             f"the model {units.dimension} of {view.robot.joint_names[j]} is {q[i, j]:.4g} {units.position}, "
             f"outside its limits [{lower[j]:.4g}, {upper[j]:.4g}] {units.position}",
@@ -207,12 +223,12 @@ def angles(view: View) -> Iterator[Finding]:
         )
 
 
-def rare_targets(view: View) -> Iterator[Finding]:
-    """Name targets that hardly any observation reads."""
+def inspect_rare_targets(view: View) -> Iterator[Finding]:
+    """Report targets that hardly any observation reads: their names may be misspelt."""
     present = view.measurements.present
     count = present.sum(axis=0)
     for t in np.flatnonzero(count < RARE_TARGET * len(present)):
-        yield view.finding(
+        yield view.build_finding(
             "target_name_suspect",
             f"target '{view.measurements.targets[t]}' is read in only {count[t]} of {len(present)} "
             "observations",
@@ -222,11 +238,11 @@ def rare_targets(view: View) -> Iterator[Finding]:
         )
 
 
-def stated_noise(view: View) -> Iterator[Finding]:
-    """Name a standard uncertainty that no tracker has."""
+def inspect_stated_noise(view: View) -> Iterator[Finding]:
+    """Report a stated standard uncertainty that is larger than any tracker's."""
     sigma = view.measurements.sigma
     if sigma is not None and sigma > LARGEST_SIGMA:
-        yield view.finding(
+        yield view.build_finding(
             "sigma_suspect",
             f"the stated standard uncertainty of a reading is {length_text(sigma)}, more than any tracker's",
             "check the stated noise: it is in `units.length`",
@@ -234,10 +250,10 @@ def stated_noise(view: View) -> Iterator[Finding]:
         )
 
 
-def loads(view: View) -> Iterator[Finding]:
-    """Name observations without a load, and forces of an implausible size."""
+def inspect_loads(view: View) -> Iterator[Finding]:
+    """Report observations without a load, and forces of an implausible size."""
     for i in np.flatnonzero(~view.loaded).tolist():
-        yield view.finding(
+        yield view.build_finding(
             "zero_load",
             "force and moment are zero, so the observation carries no information on stiffness",
             "give the load, or remove the observation",
@@ -249,7 +265,7 @@ def loads(view: View) -> Iterator[Finding]:
         return
     typical, (least, greatest) = float(np.median(sizes[sizes > 0.0])), FORCES
     if typical > greatest or (typical < least and not view.measurements.moment.any()):
-        yield view.finding(
+        yield view.build_finding(
             "force_unit_suspect",
             f"the median force is {figure(typical, '.3g')} N, outside the plausible {least:g} N "
             f"to {greatest:g} N",
@@ -259,10 +275,10 @@ def loads(view: View) -> Iterator[Finding]:
         )
 
 
-def flange_lengths(view: View) -> Iterator[Finding]:
-    """Name load points and targets that are implausibly near the flange, or far from it.
+def inspect_flange_lengths(view: View) -> Iterator[Finding]:
+    """Report load points and targets that are implausibly near the flange, or far from it.
 
-    Positions that were read in R0 tell whether all lengths have another unit, or these alone.
+    Positions read in R0 show whether all lengths have another unit, or only those in the flange frame.
     """
     m = view.measurements
     points = np.concatenate([m.load_point, m.position[m.present & m.in_flange]])
@@ -272,23 +288,23 @@ def flange_lengths(view: View) -> Iterator[Finding]:
     effect = f"the load points and targets in the flange frame are up to {length_text(largest)} from it"
     farthest = float(np.linalg.norm(m.position[view.measured], axis=1).max(initial=0.0))
     if _READ_LENGTHS[0] <= farthest <= _READ_LENGTHS[1]:
-        yield view.finding(
+        yield view.build_finding(
             "length_unit_suspect",
             f"{effect}, while the targets were read up to {length_text(farthest)} from the origin of R0",
             "state `load_point` and positions in the flange frame in `units.length`",
             "do_not_use",
         )
     else:
-        yield view.other_unit("mm" if largest > far else "m", effect)
+        yield view.suspect_other_unit("mm" if largest > far else "m", effect)
 
 
-def deflections(view: View) -> Iterator[Finding]:
-    """Name deflections that are implausibly large or small, or that the noise hides."""
+def inspect_deflections(view: View) -> Iterator[Finding]:
+    """Report deflections that are implausibly large or small, or that the noise hides."""
     m = view.measurements
     length = np.linalg.norm(m.deflection, axis=2)
     largest = length.max(axis=1)
     for i in np.flatnonzero(largest > LARGEST_DEFLECTION).tolist():
-        yield view.finding(
+        yield view.build_finding(
             "deflection_implausibly_large",
             f"target '{m.targets[length[i].argmax()]}' moved by {length_text(largest[i])}",
             "check `units.length`, and that unloaded and loaded readings belong together",
@@ -296,7 +312,7 @@ def deflections(view: View) -> Iterator[Finding]:
             row=i,
         )
     if largest.max() < SMALLEST_DEFLECTION and view.loaded.any():
-        yield view.finding(
+        yield view.build_finding(
             "deflection_implausibly_small",
             f"no target moved by more than {length_text(float(largest.max()))}",
             "check `units.length`, and that the loaded readings were taken with the load applied",
@@ -304,7 +320,7 @@ def deflections(view: View) -> Iterator[Finding]:
         )
     noise = np.sqrt(2.0) * (m.sigma or 0.0)
     for i in np.flatnonzero((largest <= NOISE_SIGMAS * noise) & view.loaded).tolist():
-        yield view.finding(
+        yield view.build_finding(
             "deflection_below_noise",
             f"no target moved by more than {length_text(largest[i])}; the noise of a deflection is "
             f"{length_text(noise)}",
@@ -315,15 +331,15 @@ def deflections(view: View) -> Iterator[Finding]:
         )
 
 
-def duplicates(view: View) -> Iterator[Finding]:
-    """Name copies: two measurements never agree in every digit."""
+def inspect_duplicates(view: View) -> Iterator[Finding]:
+    """Report copied observations: readings of two measurements never agree in every digit."""
     m = view.measurements
     read = np.concatenate([m.position * view.measured[..., None], m.deflection], axis=1).reshape(len(m), -1)
     for i, j in enumerate(first_equal(read).tolist()):
         same = np.array_equal(m.joints[i], m.joints[j])
         if j == i or (np.count_nonzero(read[i]) <= _NUMBERS_OF_CHANCE and not same):
             continue
-        yield view.finding(
+        yield view.build_finding(
             "duplicated_observation",
             f"its {'joint angles and ' if same else ''}readings equal those of observations[{j}] to the last "
             "digit",
@@ -334,9 +350,9 @@ def duplicates(view: View) -> Iterator[Finding]:
 
 
 def inspect_repeats(view: View) -> Iterator[Finding]:
-    """Pool the scatter of repeated deflections and of repeated unloaded positions.
+    """Report the noise that repeated observations show, in deflections and in unloaded positions.
 
-    Repeated deflections hold the tracker's noise alone: the robot's place cancels.
+    Deflections show the tracker's noise alone, as the robot's position cancels; positions show both.
     """
     m = view.measurements
     posture = np.round(m.joints / SAME_ANGLE)
@@ -344,14 +360,14 @@ def inspect_repeats(view: View) -> Iterator[Finding]:
         return
     load = np.concatenate([m.force, m.moment, m.load_point, m.present], axis=1)
     along = np.zeros((len(m), 0)) if m.direction is None else np.round(m.direction.reshape(len(m), -1), 4)
-    variance, freedom, count = _scatter(m.deflection, m.coordinates, np.hstack([posture, load, along]))
+    variance, freedom, count = _pool_scatter(m.deflection, m.coordinates, np.hstack([posture, load, along]))
     if variance:
         sigma = np.sqrt(variance / 2.0)
         stated, worse = "no noise is stated", False
         if m.sigma is not None:
             stated = f"the stated sigma is {length_text(m.sigma)}"
             worse = special.chdtrc(freedom, freedom * (sigma / m.sigma) ** 2) < FALSE_ALARM
-        yield view.finding(
+        yield view.build_finding(
             "repeated_readings",
             f"{count} observations repeat the posture and load of others; their deflections give sigma "
             f"= {length_text(sigma)} ({freedom} degrees of freedom), and {stated}",
@@ -360,9 +376,11 @@ def inspect_repeats(view: View) -> Iterator[Finding]:
             else "keep the repetitions in the set: they are used like all other observations",
             "use_with_care" if worse else "use",
         )
-    variance, freedom, count = _scatter(m.position, 3 * view.measured, np.hstack([posture, view.measured]))
+    variance, freedom, count = _pool_scatter(
+        m.position, 3 * view.measured, np.hstack([posture, view.measured])
+    )
     if variance:
-        yield view.finding(
+        yield view.build_finding(
             "repeated_readings",
             f"in {count} repeated postures the unloaded targets scatter by {length_text(np.sqrt(variance))} "
             f"per coordinate ({freedom} degrees of freedom): tracker and robot together",
@@ -371,8 +389,14 @@ def inspect_repeats(view: View) -> Iterator[Finding]:
         )
 
 
-def _scatter(values: FloatArray, coordinates: IndexArray, keys: FloatArray) -> tuple[float, int, int]:
-    """Return the variance of rows of equal keys, its degrees of freedom, and how many rows repeat others."""
+def _pool_scatter(values: FloatArray, coordinates: IndexArray, keys: FloatArray) -> tuple[float, int, int]:
+    """Return the pooled variance of rows with equal keys, its degrees of freedom, and the number of repeats.
+
+    Args:
+        values: (N, T, 3) vectors.
+        coordinates: (N, T) number of coordinates that were read; zero where not measured.
+        keys: (N, K) rows with equal keys are repeats of each other.
+    """
     squares, freedom, count = 0.0, 0, 0
     group = first_equal(keys)
     numbers, sizes = np.unique(group, return_counts=True)

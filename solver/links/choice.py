@@ -32,22 +32,22 @@ from jointstiff.solver.links.model import (
     elastic_blocks,
     elastic_rows,
     formulate,
-    within,
+    select_rows_of_part,
 )
 from jointstiff.solver.mechanics.measurements import Measurements, first_equal
 from jointstiff.solver.mechanics.robot import Robot
 
 
-def compared_models(screening: Screening, requested: ModelName | None) -> tuple[ModelName, ...]:
+def list_models_to_compare(screening: Screening, requested: ModelName | None) -> tuple[ModelName, ...]:
     """Return the models to compare, from simple to rich.
 
-    A base is compared only where its test speaks for it. Where links have nothing to explain once the base
-    bends, the base is compared alone; where the base has nothing to explain once links bend either, links and
-    base compete; where each explains something that the other leaves, both together are compared, too.
+    A bending base is compared only if its test finds one. If links explain nothing once the base bends, no
+    model with links is compared; if the base explains nothing once links bend either, links and base compete;
+    if each explains something that the other leaves, a model with links and base is compared as well.
 
     Args:
-        screening: of what joints alone leave unexplained.
-        requested: model; None for those that the tests support.
+        screening: tests of what joints alone leave unexplained.
+        requested: model that the request names; None leaves the choice to the tests.
     """
     if requested in WITH_BASE:
         return MODELS
@@ -62,19 +62,26 @@ def compared_models(screening: Screening, requested: ModelName | None) -> tuple[
 WEIGHTS: Final = tuple(10.0 ** (quarter / 4.0) for quarter in range(-12, 1, 2))
 """λ that suffice to choose between models and losses, two a decade."""
 LIMITS: Final = (1e-7, 10.0)
-"""λ with hardly any penalty, and λ that leaves nothing of the links: `refined` does not go beyond."""
+"""λ with hardly any penalty, and λ that leaves nothing of the links: `refine_path` does not go beyond."""
 _GAP: Final = 1e-4
 """Tolerance of the fitted readings, or of the sum of their residuals, relative to all: far below the accuracy
 of predicted readings."""
 
 
-def shared_out(validation: CrossValidation, joints: FloatArray) -> tuple[IndexArray, ...]:
-    """Return the observations (N, n) of each fold, draw by draw; observations of one posture stay together.
+def draw_folds(validation: CrossValidation, joints: FloatArray) -> tuple[IndexArray, ...]:
+    """Divide observations at random into folds for cross-validation; one posture is never divided.
+
+    Args:
+        validation: numbers of folds and draws, and the seed.
+        joints: (N, n) joint angles of the observations.
+
+    Returns:
+        The indices of the observations of each fold, one draw after the other.
 
     Raises:
         UnsupportedMethodError: there is one posture only.
     """
-    # In the order of their first appearance, so that the angles' values do not decide.
+    # Postures are numbered by first appearance, so that the values of the angles do not affect the draw.
     postures, posture = np.unique(first_equal(joints), return_inverse=True)
     count = len(postures)
     if count < 2:
@@ -94,26 +101,26 @@ def shared_out(validation: CrossValidation, joints: FloatArray) -> tuple[IndexAr
 
 @dataclass(frozen=True, eq=False)
 class PenaltyPath:
-    """A model fitted without each of K folds, for W ascending weights of the penalty."""
+    """A model fitted with each of K folds held out in turn, for W ascending weights of the penalty."""
 
     weights: tuple[float, ...]  #: λ
-    compliances: FloatArray  #: (K, W, P); NaN where no answer was certified
+    compliances: FloatArray  #: (K, W, P) fitted compliances; NaN where no optimum was certified
     #: (K, W) mean norm of the held-out targets' whitened residuals [m]; the root mean square of their
     #: coordinates in a set of more than `MOST_TARGETS` targets
     errors: FloatArray
 
 
 class Folds:
-    """A measurement set shared out to folds, each compressed once, when it is first needed.
+    """A measurement set divided into folds; each fold is compressed once, when it is first needed.
 
     Attributes:
         robot: n joints.
         measurements: N observations.
-        columns: of the richest model.
-        visible: (n,) joints that the whole set sees.
-        validation: how they are shared out, and the rule by which a weight is chosen.
-        held_out: the observations of each fold.
-        per_draw: how many folds share out the configurations once.
+        columns: columns of the richest model.
+        visible: (n,) joints that the whole set determines.
+        validation: how the set is divided, and the rule by which a weight is chosen.
+        held_out: indices of the observations of each fold.
+        per_draw: number of folds of one draw.
     """
 
     def __init__(
@@ -124,14 +131,14 @@ class Folds:
         visible: BoolArray,
         validation: CrossValidation,
     ) -> None:
-        """Draw the folds.
+        """Divide the set into folds.
 
         Raises:
             UnsupportedMethodError: there is one posture only.
         """
         self.robot, self.measurements = robot, measurements
         self.columns, self.visible, self.validation = columns, visible, validation
-        self.held_out = shared_out(validation, measurements.joints)
+        self.held_out = draw_folds(validation, measurements.joints)
         self.per_draw = len(self.held_out) // validation.draws
         self._training: dict[int | None, ElasticRows] = {}
         self._formulations: dict[tuple[int | None, ModelName], Formulation] = {}
@@ -145,15 +152,15 @@ class Folds:
         return elastic_rows(self.robot, self.measurements, self.columns, self.held_out)
 
     def training(self, fold: int | None) -> ElasticRows:
-        """Return the compressed rows of all folds of a draw but one; of the whole set for None."""
+        """Return the compressed rows of the training set: the folds of a draw but one, or the whole set."""
         if fold not in self._training:
             start = 0 if fold is None else fold // self.per_draw * self.per_draw
             draw = range(start, start + self.per_draw)
-            self._training[fold] = ElasticRows.merged([self.rows[each] for each in draw if each != fold])
+            self._training[fold] = ElasticRows.merge([self.rows[each] for each in draw if each != fold])
         return self._training[fold]
 
     def formulation(self, model: ElasticModel, fold: int | None = None) -> Formulation:
-        """Return a model on all folds but one, or on the whole set, ready to be fitted.
+        """Return the problem of fitting a model to all folds of a draw but one, or to the whole set for None.
 
         Raises:
             UnsupportedMethodError: the penalty has no scale.
@@ -165,10 +172,10 @@ class Folds:
         return self._formulations[key]
 
     def error(self, fold: int, compliances: FloatArray) -> FloatArray:
-        """(W,) prediction errors [m] of compliances (W, P) in a fold; see `PenaltyPath`."""
+        """Return the prediction errors (W,) [m] of compliances (W, P) in a fold; see `PenaltyPath`."""
         rows = self.rows[fold]
         if int(self.measurements.present.sum()) <= MOST_TARGETS:
-            return np.array([rows.lengths(each).mean() for each in compliances])
+            return np.array([rows.residual_norms(each).mean() for each in compliances])
         residual = compliances @ rows.triangle[:, :-1].T - rows.triangle[:, -1]
         return np.asarray(np.sqrt(np.square(residual).sum(axis=1) / max(1, rows.readings)))
 
@@ -176,15 +183,15 @@ class Folds:
 def fit_fold(
     folds: Folds, model: ElasticModel, fold: int, weights: Sequence[float]
 ) -> tuple[FloatArray, FloatArray]:
-    """Fit a model to all but one fold, for some weights of the penalty.
+    """Fit a model to all folds of a draw but one, for some weights of the penalty.
 
-    A weight for which no answer can be certified has no number, and is not chosen.
+    Where no optimum can be certified for a weight, compliances and error are NaN.
 
     Args:
-        folds: the set.
+        folds: the divided measurement set.
         model: what bends.
-        fold: which fold is held out.
-        weights: W of λ; of joints alone, without a penalty, all give the same.
+        fold: index of the fold that is held out.
+        weights: W weights λ; a model of joints alone has no penalty, so that all give the same.
 
     Returns:
         (W, P) compliances and (W,) errors, as in `PenaltyPath`.
@@ -192,23 +199,23 @@ def fit_fold(
     form = folds.formulation(model, fold)
     cone = form.cone
     if cone.penalised or cone.sizes:
-        parameters = np.array([_parameters(form, model, weight) for weight in weights])
+        parameters = np.array([_fit_parameters(form, model, weight) for weight in weights])
     else:
-        alone = form.joints_only() if model.loss == "squared" else _parameters(form, model, 1.0)
+        alone = form.joints_only() if model.loss == "squared" else _fit_parameters(form, model, 1.0)
         parameters = np.tile(alone, (len(weights), 1))
     compliances = form.compliances(parameters)
     return compliances, folds.error(fold, compliances)
 
 
 def fit_folds(folds: Folds, model: ElasticModel, weights: Sequence[float]) -> PenaltyPath:
-    """Fit a model without each of the folds, for ascending weights of the penalty."""
+    """Fit a model with each fold held out in turn, for ascending weights of the penalty."""
     fits = [fit_fold(folds, model, fold, weights) for fold in range(len(folds))]
     compliances, errors = map(np.array, zip(*fits, strict=True))
     return PenaltyPath(tuple(weights), compliances, errors)
 
 
-def refined(folds: Folds, model: ElasticModel, path: PenaltyPath) -> PenaltyPath:
-    """Fit a model for further weights around the best: four a decade, and beyond an end of the weights."""
+def refine_path(folds: Folds, model: ElasticModel, path: PenaltyPath) -> PenaltyPath:
+    """Return the path with further weights around the best: four per decade, or beyond the path's end."""
     while further := _further_weights(np.array(path.weights), path.errors):
         added = fit_folds(folds, model, further)
         weights = np.array(path.weights + added.weights)
@@ -222,45 +229,51 @@ def refined(folds: Folds, model: ElasticModel, path: PenaltyPath) -> PenaltyPath
 
 
 def _further_weights(weights: FloatArray, errors: FloatArray) -> list[float]:
-    """Return weights to try next to the best: a decade beyond an end, or halfway to its neighbours."""
+    """Return weights to try next to the weight of least error: halfway to its neighbours.
+
+    At an end of the path the missing neighbour is two decades beyond the end.
+    """
     quarters = np.rint(4.0 * np.log10(weights)).astype(int)
     least, greatest = (round(4.0 * float(np.log10(limit))) for limit in LIMITS)
-    best = chosen_weight(errors, "best")
+    best = choose_weight_index(errors, "best")
     below = quarters[best - 1] if best > 0 else max(quarters[best] - 8, least)
     above = quarters[best + 1] if best < len(quarters) - 1 else min(quarters[best] + 8, greatest)
     halfway = {(quarters[best] + below) // 2, (quarters[best] + above + 1) // 2}
     return [10.0 ** (quarter / 4.0) for quarter in sorted(halfway.difference(quarters.tolist()))]
 
 
-def _parameters(form: Formulation, model: ElasticModel, weight: float) -> FloatArray:
+def _fit_parameters(form: Formulation, model: ElasticModel, weight: float) -> FloatArray:
+    """Return the fitted parameters (p,) of a model; NaN if no optimum can be certified."""
     try:
         return form.fit(model, weight, gap=_GAP)[0].x
     except SolverError:
         return np.full(form.cone.dimension, np.nan)
 
 
-def answered(errors: FloatArray) -> BoolArray:
-    """(W,) weights with an answer in all of the K folds, of their errors (K, W)."""
+def find_certified_weights(errors: FloatArray) -> BoolArray:
+    """Return which weights (W,) have a certified fit in every fold, by the errors (K, W)."""
     return np.asarray(np.isfinite(errors).all(axis=0))
 
 
-def chosen_weight(errors: FloatArray, rule: Literal["best", "one_standard_error"], draws: int = 1) -> int:
-    """Return the place of the weight that cross-validation chooses.
+def choose_weight_index(
+    errors: FloatArray, rule: Literal["best", "one_standard_error"], draws: int = 1
+) -> int:
+    """Return the index of the weight that cross-validation chooses.
 
     Args:
-        errors: (K, W) of K folds for W ascending weights; NaN where there is no answer.
+        errors: (K, W) errors of K folds for W ascending weights; NaN where no fit was certified.
         rule: `best` takes the weight of least error, `one_standard_error` the largest whose error is within
             one standard error of that.
-        draws: how many share out the same postures, which are not more postures.
+        draws: number of draws that divide the same postures: further draws add no independent errors.
 
     Raises:
-        UnsupportedMethodError: no weight has an answer in all folds.
+        UnsupportedMethodError: no weight has a certified fit in every fold.
     """
-    mean = np.where(answered(errors), errors.mean(axis=0), np.inf)
+    mean = np.where(find_certified_weights(errors), errors.mean(axis=0), np.inf)
     best = int(mean.argmin())
     if not np.isfinite(mean[best]):
         raise UnsupportedMethodError(
-            "no penalty has a certified answer in all folds of the cross-validation",
+            "the cross-validation found no penalty whose fit can be certified in every fold",
             where="link_penalty",
             remedy="omit link_penalty or give a larger one, choose fewer links, or use elasticity joints",
         )
@@ -272,16 +285,16 @@ def chosen_weight(errors: FloatArray, rule: Literal["best", "one_standard_error"
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Prediction of readings that were not used in the fit."""
+    """Accuracy of a model's prediction of readings that were held out of its fit."""
 
-    model: ModelName  #: which
-    loss: Loss  #: which
+    model: ModelName  #: model that predicts
+    loss: Loss  #: loss of its fit
     error: float  #: mean over the folds of the held-out error that chose the penalty; see `PenaltyPath` [m]
     penalty: float | None  #: weight λ that was chosen; None of joints alone
     by_fold: FloatArray  #: (K,) compensation of each fold, ``1 − mean‖δp − δp̂‖ / mean‖δp‖``
     #: (P,) mean norm of the residuals of each posture while it was left out, mean over the draws [m]
     by_posture: FloatArray
-    per_draw: int  #: how many folds share out the postures once
+    per_draw: int  #: number of folds of one draw
 
     @property
     def compensation(self) -> float:
@@ -290,7 +303,7 @@ class HeldOut:
 
     @property
     def standard_error(self) -> float:
-        """Return the standard error of that mean for one draw, from the spread of the folds."""
+        """Return the standard error of the mean compensation of one draw, from the spread of the folds."""
         return float(self.by_fold.std(ddof=1) / np.sqrt(self.per_draw))
 
     @property
@@ -298,8 +311,11 @@ class HeldOut:
         """Return the mean norm of the residuals over the postures [m]."""
         return float(self.by_posture.mean())
 
-    def behind(self, other: HeldOut) -> tuple[float, float]:
-        """Return by how much it predicts worse, the mean over the postures, and its standard error [m]."""
+    def compare_residuals(self, other: HeldOut) -> tuple[float, float]:
+        """Return by how much the mean residual exceeds another model's, and the standard error of that [m].
+
+        The differences are paired by posture.
+        """
         worse = self.by_posture - other.by_posture
         return float(worse.mean()), float(worse.std(ddof=1) / np.sqrt(len(worse)))
 
@@ -308,39 +324,45 @@ class HeldOut:
 class Selection:
     """Models and losses side by side, from simple to rich."""
 
-    models: tuple[HeldOut, ...]  #: that were compared, each with all losses
+    models: tuple[HeldOut, ...]  #: models that were compared, each with all losses
     best: ModelName  #: model of least mean residual of held-out postures, each with its best loss
-    simplest: ModelName  #: whose mean is near the best one's, paired by posture; see `simplest_of`
-    largest: ModelName  #: richest of the models that bend as the simplest does: intervals are of it
-    #: gain of the best model but joints over joints alone; None where either has no answer
+    simplest: ModelName  #: simplest model that predicts nearly as well as the best; see `find_simplest_model`
+    largest: ModelName  #: richest model that contains the simplest: its fit gives the intervals
+    #: gain of the best other model over joints alone; None if one of them has no certified fit
     gain: HeldOutGain | None
     #: best model with links alone, where the base is chosen and held-out postures do not distinguish the two
     tied: ModelName | None = None
 
     def of(self, model: ModelName, losses: Sequence[Loss] = LOSSES) -> HeldOut:
-        """Return a model with the loss of least held-out error."""
-        return _best_loss(self.models, model, losses)
+        """Return the prediction of a model with the loss of least held-out error, among some losses."""
+        return _pick_best_loss(self.models, model, losses)
 
-    def with_refined(self, refined: HeldOut) -> Selection:
-        """Return the same choice with a model at another penalty."""
+    def replace_refined(self, refined: HeldOut) -> Selection:
+        """Return this selection with one model replaced by its prediction at a refined penalty."""
         key = refined.model, refined.loss
         models = tuple(refined if (each.model, each.loss) == key else each for each in self.models)
         return replace(self, models=models)
 
     @classmethod
-    def among(cls, models: Sequence[HeldOut], *, screened: bool) -> Selection:
-        """Return the choice among models with their losses, from simple to rich; see `select_model`."""
+    def choose_among(cls, models: Sequence[HeldOut], *, screened: bool) -> Selection:
+        """Choose among models with their losses, given from simple to rich; see `select_model`."""
         names = dict.fromkeys(each.model for each in models)
-        by_name = [_best_loss(models, name, LOSSES) for name in names]
+        by_name = [_pick_best_loss(models, name, LOSSES) for name in names]
         best = min(by_name, key=lambda each: each.mean_residual)
-        simplest = simplest_of(by_name, best, screened=screened)
-        largest = largest_of(list(names), simplest)
+        simplest = find_simplest_model(by_name, best, screened=screened)
+        largest = find_richest_model(list(names), simplest)
         return cls(
-            tuple(models), best.model, simplest, largest, _gain(by_name), _tied_model(by_name, simplest)
+            tuple(models),
+            best.model,
+            simplest,
+            largest,
+            _compute_gain(by_name),
+            _find_tied_model(by_name, simplest),
         )
 
 
-def _best_loss(models: Sequence[HeldOut], name: ModelName, losses: Sequence[Loss]) -> HeldOut:
+def _pick_best_loss(models: Sequence[HeldOut], name: ModelName, losses: Sequence[Loss]) -> HeldOut:
+    """Return the prediction of a model with that of some losses whose held-out error is least."""
     scores = [each for each in models if each.model == name and each.loss in losses]
     return min(scores, key=lambda each: each.error)
 
@@ -352,23 +374,23 @@ def select_model(
     *,
     screened: bool = False,
 ) -> Selection:
-    """Choose the weight of each model and loss, and compare them at these weights.
+    """Choose the penalty's weight for each model and loss, and compare the models at these weights.
 
     Args:
-        folds: of the measurements.
-        paths: of each model and loss.
-        requested: the model that must have an answer; one without certified answers is left out otherwise.
+        folds: the divided measurement set.
+        paths: fits of each model and loss.
+        requested: model that must have a certified fit; other models without a certified fit are left out.
         screened: whether a test has shown that something besides the joints bends.
 
     Raises:
-        UnsupportedMethodError: that model has no weight with certified answers.
+        UnsupportedMethodError: the requested model has no weight with a certified fit in every fold.
     """
     validation = folds.validation
     keys = [(name, loss) for name in MODELS for loss in LOSSES if (name, loss) in paths]
-    answers = {key: bool(answered(paths[key].errors).any()) for key in keys}
+    answers = {key: bool(find_certified_weights(paths[key].errors).any()) for key in keys}
     none = not any(answers[key] for key in keys if key[0] == requested)
     keys = [key for key in keys if answers[key] or (none and key[0] == requested)]
-    places = {key: chosen_weight(paths[key].errors, validation.rule, validation.draws) for key in keys}
+    places = {key: choose_weight_index(paths[key].errors, validation.rule, validation.draws) for key in keys}
     chosen = np.array([paths[key].compliances[:, place] for key, place in places.items()])
     compensation, norms = _score_held_out(folds, chosen)
     posture = np.unique(first_equal(folds.measurements.joints), return_inverse=True)[1]
@@ -386,59 +408,66 @@ def select_model(
         )
         for number, (key, place) in enumerate(places.items())
     )
-    return Selection.among(models, screened=screened)
+    return Selection.choose_among(models, screened=screened)
 
 
-def simplest_of(by_name: Sequence[HeldOut], best: HeldOut, *, screened: bool) -> ModelName:
+def find_simplest_model(by_name: Sequence[HeldOut], best: HeldOut, *, screened: bool) -> ModelName:
     """Return the simplest of models, from simple to rich, that predicts nearly as well as the best.
 
-    Nearly means one paired standard error; two for joints alone, unless a test has shown that something
-    besides them bends: without it nearly every other rigid campaign would get a model with more.
+    Nearly as well means within one standard error of the difference, paired by posture; within two for joints
+    alone, unless a test has shown that something else bends (`screened`): a rigid robot would otherwise get a
+    richer model in nearly half of all campaigns.
     """
     of_joints = 1.0 if screened else CLEAR_GAIN
-    behind = [(each.model, *each.behind(best)) for each in by_name]
+    behind = [(each.model, *each.compare_residuals(best)) for each in by_name]
     return next(
         model for model, worse, error in behind if worse <= error * (of_joints if model == "joints" else 1.0)
     )
 
 
-def largest_of(names: Sequence[ModelName], chosen: ModelName) -> ModelName:
-    """Return the richest of models, from simple to rich, in which all bends that bends in the chosen one.
+def find_richest_model(names: Sequence[ModelName], chosen: ModelName) -> ModelName:
+    """Return the richest of models, from simple to rich, in which everything bends that the chosen bends.
 
     A model that predicts best trades bias for variance, and an interval that takes it for true is too narrow
-    (Leeb & Pötscher, *Model selection and inference: facts and fiction*, 2005). How well the richest predicts
-    says nothing against its intervals: they are as wide as what the readings leave open.
+    (Leeb & Pötscher, *Model selection and inference: facts and fiction*, 2005). The richest model may predict
+    worse; its intervals are still valid, as wide as the readings leave the compliances open.
     """
     return [name for name in names if name in WITH_BASE or chosen not in WITH_BASE][-1]
 
 
-def _tied_model(by_name: Sequence[HeldOut], chosen: ModelName) -> ModelName | None:
-    """Return the best model with links alone, if it predicts within one paired standard error of the base."""
+def _find_tied_model(by_name: Sequence[HeldOut], chosen: ModelName) -> ModelName | None:
+    """Return the best model with links alone, if it predicts nearly as well as the chosen bending base.
+
+    Nearly as well means within one standard error of the difference. None if the base is not chosen.
+    """
     base = next((each for each in by_name if each.model == chosen == "joints_and_base"), None)
     links = [each for each in by_name if each.model in LINKS_ALONE]
     if base is None or not links:
         return None
     best = min(links, key=lambda each: each.mean_residual)
-    worse, error = best.behind(base)
+    worse, error = best.compare_residuals(base)
     return best.model if worse <= error else None
 
 
-def _gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:
+def _compute_gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:
+    """Return what the best model with more than joints gains over joints alone; None if one is missing."""
     joints = next((each for each in by_name if each.model == "joints"), None)
     others = [each for each in by_name if each.model != "joints"]
     if joints is None or not others:
         return None
     best = min(others, key=lambda each: each.mean_residual)
-    return HeldOutGain(best.model, best.mean_residual, joints.mean_residual, joints.behind(best)[1])
+    return HeldOutGain(
+        best.model, best.mean_residual, joints.mean_residual, joints.compare_residuals(best)[1]
+    )
 
 
 def _score_held_out(folds: Folds, compliances: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Score M models on each of the K folds, by the compliances (M, K, P) that were fitted without the fold.
+    """Predict each of K folds by M models with compliances (M, K, P) fitted without that fold.
 
     Returns:
-        (M, K) compensation, one less the ratio of residuals and deflections; (M, D N) mean norm of the
-        residuals of each observation's targets [m], in the order of the folds. Each of D draws divides all N
-        observations.
+        The compensation (M, K), one minus the ratio of residuals to deflections; and the mean norm (M, D N)
+        of the residuals of each observation's targets [m], in the order of the folds. Each of D draws divides
+        all N observations.
     """
     left, moved = np.zeros(compliances.shape[:2]), np.zeros(len(folds))
     norms = [np.zeros((len(compliances), len(part))) for part in folds.held_out]
@@ -446,7 +475,7 @@ def _score_held_out(folds: Folds, compliances: FloatArray) -> tuple[FloatArray, 
     for block, rows in elastic_blocks(folds.robot, folds.measurements, folds.columns):
         read = block.measurements
         for k, part in enumerate(folds.held_out):
-            own = within(part, start, start + len(read))
+            own = select_rows_of_part(part, start, start + len(read))
             deflection, present = read.deflection[own], read.present[own]
             predicted = np.einsum("btip,mp->mbti", rows[own, ..., :-1], compliances[:, k])
             residual = np.linalg.norm(deflection - predicted, axis=-1)
@@ -461,11 +490,11 @@ def _score_held_out(folds: Folds, compliances: FloatArray) -> tuple[FloatArray, 
 
 
 def judge_penalty(chosen: float, used: float) -> Iterator[Finding]:
-    """Report a penalty under which no link bends, the least of all, or one that gave way to a larger one.
+    """Report a chosen penalty at an end of the range, or a penalty that had to be raised.
 
     Args:
-        chosen: weight λ of least held-out residual.
-        used: weight of the fit, the first from there on whose optimum is certified.
+        chosen: weight λ that cross-validation chose.
+        used: weight λ of the final fit: the first from the chosen weight on whose optimum is certified.
     """
     if chosen >= WEIGHTS[-1]:
         yield Finding(
@@ -481,20 +510,20 @@ def judge_penalty(chosen: float, used: float) -> Iterator[Finding]:
             weight="use",
             message=f"cross-validation chose the smallest penalty that it tries, {chosen:.3g}: the readings "
             "hardly need one, and the penalty does not bias the links",
-            remedy="give link_penalty to try a smaller one; predictions will hardly change",
+            remedy="to try a smaller penalty, give link_penalty; predictions will hardly change",
         )
     if used > chosen:
         yield Finding(
             code="link_penalty_raised",
             weight="use",
-            message=f"cross-validation chose a penalty of {chosen:.3g}, but rounding prevents the "
-            f"certificate of its optimum: {used:.3g} was used instead",
+            message=f"cross-validation chose a penalty of {chosen:.3g}, but rounding errors "
+            f"prevent the proof that its fit is optimal: {used:.3g} was used instead",
             remedy="compare `selection`; give link_penalty, or choose fewer links",
         )
 
 
 def judge_losses(targets: int) -> Iterator[Finding]:
-    """Report that losses were not compared in a set of too many targets."""
+    """Report that the losses were not compared because the set has too many targets."""
     if targets > MOST_TARGETS:
         yield Finding(
             code="loss_not_compared",

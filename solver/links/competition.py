@@ -26,17 +26,17 @@ from jointstiff.solver.links.choice import (
     HeldOut,
     PenaltyPath,
     Selection,
-    compared_models,
+    draw_folds,
     fit_fold,
-    refined,
+    list_models_to_compare,
+    refine_path,
     select_model,
-    shared_out,
 )
 from jointstiff.solver.links.fit import (
     EffectiveCompliances,
     ElasticEstimate,
     effective_compliances,
-    first_certified,
+    fit_first_certified,
     refuse_unsupported_elastic,
 )
 from jointstiff.solver.links.model import (
@@ -44,7 +44,7 @@ from jointstiff.solver.links.model import (
     LOSSES,
     ElasticColumns,
     ElasticModel,
-    compared_losses,
+    list_losses_to_compare,
 )
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
@@ -52,13 +52,13 @@ from jointstiff.solver.mechanics.robot import Robot
 _Paths: TypeAlias = dict[tuple[ModelName, Loss], PenaltyPath]
 
 _WEIGHTS_A_STEP: Final = 3
-"""For all models and losses in one fold they take 0.5 s for 30 targets, and 5 s for 300."""
+"""Weights that one step fits: with all models and losses 0.5 s for 30 targets, and 5 s for 300."""
 
 
 def excluded_option(
     options: RunOptions, settings: Settings, robot: Robot, measurements: Measurements
 ) -> str | None:
-    """Return the option that does not go with more than joints; None where all do.
+    """Return the name of an option that excludes models with bending links or base; None if no option does.
 
     Raises:
         RequestError: a link is named that the robot does not have.
@@ -76,16 +76,17 @@ def excluded_option(
 
 @dataclass(frozen=True, eq=False)
 class Elastic:
-    """A model with more than joints, fitted to the whole set."""
+    """Fit of a model with bending links or base to the whole set, with intervals."""
 
     estimate: ElasticEstimate
-    effective: EffectiveCompliances  #: about the joints' axes, with the intervals that hold after the choice
-    intervals: ModelName | None  #: model whose intervals these are; None of a penalty that was given
+    #: effective compliances of the joints, with intervals that account for the choice of the model
+    effective: EffectiveCompliances
+    intervals: ModelName | None  #: model whose fit gives the intervals; None if the penalty was given
 
 
 @dataclass(frozen=True, eq=False)
 class Winner:
-    """The model that predicts held-out postures best, or the simplest that does so nearly as well."""
+    """Winning model: the simplest that predicts held-out postures nearly as well as the best."""
 
     selection: Selection  #: all models and losses that were compared
     held_out: HeldOut  #: prediction of the winner
@@ -94,20 +95,20 @@ class Winner:
 
 
 class Competition:
-    """Models that are compared on held-out postures, in steps of a fraction of a second."""
+    """Comparison of models by their prediction of held-out postures, computed in short steps."""
 
     unit = "penalties"
     activity = "cross-validating"
 
     def __init__(self, joints: JointsAlone, options: RunOptions) -> None:
-        """Check the request.
+        """Check the request, and lay out models, losses and penalties to compare.
 
         Args:
-            joints: identified alone, with which the models are compared.
+            joints: identification of joints alone, with which the models are compared.
             options: model, losses, penalty and cross-validation.
 
         Raises:
-            RequestError: the readings cannot support it, or something about a joint that is not there.
+            RequestError: the readings or options do not support the comparison, or a joint does not exist.
         """
         measurements, given = joints.measurements, options.link_penalty
         refuse_unsupported_elastic(measurements, joints.stated)
@@ -120,6 +121,7 @@ class Competition:
         self._joints, self._options = joints, options
         self._columns = ElasticColumns.of(options, joints.robot)
         self._requested = None if options.elasticity == "automatic" else options.elasticity
+        # A given penalty is not chosen by repeated draws: one draw shows how well the model predicts.
         once = {} if given is None else {"draws": 1}
         self._validation = options.cross_validation.model_copy(update=once)
         self._weights = WEIGHTS if given is None else (given,)
@@ -128,12 +130,12 @@ class Competition:
         )  # which give a penalty its meaning
         if options.loss != "automatic":
             losses = (options.loss,)
-        self._losses = compared_losses(measurements, losses)
-        self._fold_count = len(shared_out(self._validation, measurements.joints))
+        self._losses = list_losses_to_compare(measurements, losses)
+        self._fold_count = len(draw_folds(self._validation, measurements.joints))
 
     @property
     def loss_is_compared(self) -> bool:
-        """Tell whether held-out postures choose the loss."""
+        """Return whether several losses are compared on held-out postures."""
         return len(self._losses) > 1
 
     @property
@@ -143,7 +145,7 @@ class Competition:
 
     @property
     def penalty_is_given(self) -> bool:
-        """Tell whether the penalty was stated, so that held-out postures do not choose it."""
+        """Return whether the request gives the penalty, so that cross-validation does not choose one."""
         return self._options.link_penalty is not None
 
     @property
@@ -152,7 +154,10 @@ class Competition:
         return self._joints.with_loss("squared").screening
 
     def steps(self) -> tuple[tuple[int, int], ...]:
-        """Return the weights of one fold after the other; none where the penalty is given."""
+        """Return the steps as spans of fold-and-weight numbers; no steps if the penalty is given.
+
+        A span (start, stop) counts the weights of fold 0, then those of fold 1, and so on.
+        """
         if self.penalty_is_given:
             return ()
         count = len(self._weights)
@@ -163,7 +168,10 @@ class Competition:
         )
 
     def compute(self, span: tuple[int, int]) -> dict[str, FloatArray]:
-        """Fit all models for some of the weights of a fold.
+        """Fit all models for the weights of one step, with the step's fold held out.
+
+        Returns:
+            `fold_compliances` (M, W, P) and `error` (M, W) [m] of M models for W weights.
 
         Raises:
             JointstiffError: as the identification of the whole set does.
@@ -183,13 +191,13 @@ class Competition:
         Raises:
             JointstiffError: as the identification of the whole set does, or an optimum is not certified.
         """
-        paths = self._paths(parts)
+        paths = self._collect_paths(parts)
         selection, held_out = self._choose(paths)
-        elastic = None if held_out.model == "joints" else self._whole_set(held_out, selection, paths)
+        elastic = None if held_out.model == "joints" else self._fit_whole_set(held_out, selection, paths)
         return Winner(selection, held_out, elastic, self._requested is not None)
 
-    def _paths(self, parts: Sequence[Mapping[str, FloatArray]]) -> _Paths:
-        """Return the fits without each fold, of all models."""
+    def _collect_paths(self, parts: Sequence[Mapping[str, FloatArray]]) -> _Paths:
+        """Return the fits of all models with each fold held out, by model and loss."""
         if not self.steps():
             count = len(self._weights)
             parts = [self.compute((k * count, (k + 1) * count)) for k in range(self._fold_count)]
@@ -205,16 +213,19 @@ class Competition:
         }
 
     def _choose(self, paths: _Paths) -> tuple[Selection, HeldOut]:
-        """Choose a model with its loss and penalty; paths are refined about the best penalties."""
+        """Choose the model with its loss and penalty, after trying finer penalties around the best ones.
+
+        The finer penalties are added to `paths`.
+        """
         given, automatic = self.penalty_is_given, self._requested is None
         selection = select_model(self._folds, paths, self._requested, screened=automatic)
         if automatic and not given:
-            # Where both models are at an end of the weights, the richer one is judged by too large a penalty.
+            # A model whose best penalty is the smallest tried needs a smaller one for a fair comparison.
             for name in dict.fromkeys(each.model for each in selection.models):
                 ended = selection.of(name)
                 if ended.penalty == self._weights[0]:
                     selection = self._refine(ended, selection, paths)
-            selection = Selection.among(selection.models, screened=automatic)
+            selection = Selection.choose_among(selection.models, screened=automatic)
         chosen = selection.of(self._requested or selection.simplest)
         if chosen.model == "joints":
             chosen = selection.of("joints", ("squared", "huber"))
@@ -225,8 +236,9 @@ class Competition:
 
     @cached_property
     def _models(self) -> list[ElasticModel]:
+        """Models to compare, each with all losses."""
         threshold = self._options.huber_threshold or DEFAULT_THRESHOLD
-        names = compared_models(self.screening, self._requested)
+        names = list_models_to_compare(self.screening, self._requested)
         return [ElasticModel(name, self._columns, loss, threshold) for name in names for loss in self._losses]
 
     @cached_property
@@ -235,40 +247,40 @@ class Competition:
         visible = ~joints.estimate.observability.null
         return Folds(joints.robot, joints.measurements, self._columns, visible, self._validation)
 
-    def _model_of(self, held_out: HeldOut) -> ElasticModel:
+    def _find_model(self, held_out: HeldOut) -> ElasticModel:
         return next(model for model in self._models if model.key == (held_out.model, held_out.loss))
 
     def _refine(self, held_out: HeldOut, selection: Selection, paths: _Paths) -> Selection:
-        """Try further penalties of a model, and replace its path, and its place in the selection."""
-        model = self._model_of(held_out)
-        paths[model.key] = refined(self._folds, model, paths[model.key])
+        """Return the selection with one model at a finer penalty; the model's path is replaced in `paths`."""
+        model = self._find_model(held_out)
+        paths[model.key] = refine_path(self._folds, model, paths[model.key])
         of_model = select_model(self._folds, {model.key: paths[model.key]}, held_out.model)
-        return selection.with_refined(of_model.models[0])
+        return selection.replace_refined(of_model.models[0])
 
-    def _fit(self, held_out: HeldOut, paths: _Paths) -> ElasticEstimate:
+    def _fit_with_chosen_penalty(self, held_out: HeldOut, paths: _Paths) -> ElasticEstimate:
         """Fit a model to the whole set with the penalty that cross-validation chose.
 
         Raises:
-            UnsupportedMethodError: neither that nor a larger penalty has a certified optimum.
+            UnsupportedMethodError: neither the chosen nor a larger penalty has a certified optimum.
         """
         grid = paths[held_out.model, held_out.loss].weights
         place = grid.index(held_out.penalty or grid[0])
-        return first_certified(self._folds, self._model_of(held_out), grid[place:])
+        return fit_first_certified(self._folds, self._find_model(held_out), grid[place:])
 
-    def _whole_set(self, held_out: HeldOut, selection: Selection, paths: _Paths) -> Elastic:
-        """Return a model on the whole set, with the intervals that hold after the choice.
+    def _fit_whole_set(self, held_out: HeldOut, selection: Selection, paths: _Paths) -> Elastic:
+        """Fit the chosen model to the whole set, with intervals that account for the choice of the model.
 
-        Where held-out postures do not distinguish links from the base, intervals contain those of both, if
-        one with links has a certified optimum.
+        If held-out postures do not distinguish links from the base, the intervals contain those of both
+        models, provided that the model with links has a certified optimum.
         """
-        elastic = self._fit(held_out, paths)
+        elastic = self._fit_with_chosen_penalty(held_out, paths)
         if self._requested is not None:
             named = None if self.penalty_is_given else elastic.model.name
-            return Elastic(elastic, self._effective(elastic, elastic), named)
+            return Elastic(elastic, self._compute_effective(elastic, elastic), named)
         widest = self._widest_fit(elastic, selection, paths)
-        effective = self._effective(elastic, widest)
+        effective = self._compute_effective(elastic, widest)
         if selection.tied is not None:
-            of_links = self._effective_of_links(selection.tied, selection, paths)
+            of_links = self._compute_effective_of_links(selection.tied, selection, paths)
             if of_links is not None:
                 effective = effective.joined(of_links)
             prediction = replace(elastic.prediction, bending="links_or_base", joined=of_links is not None)
@@ -276,33 +288,33 @@ class Competition:
         return Elastic(elastic, effective, widest.model.name)
 
     def _widest_fit(self, elastic: ElasticEstimate, selection: Selection, paths: _Paths) -> ElasticEstimate:
-        """Return the fit whose intervals hold after the choice; the chosen one where it is not certified."""
+        """Return the fit of the richest model for the intervals; the chosen fit if that is not certified."""
         if selection.largest == elastic.model.name:
             return elastic
         try:
-            return self._fit(selection.of(selection.largest), paths)
+            return self._fit_with_chosen_penalty(selection.of(selection.largest), paths)
         except UnsupportedMethodError:
             return elastic
 
-    def _effective_of_links(
+    def _compute_effective_of_links(
         self, tied: ModelName, selection: Selection, paths: _Paths
     ) -> EffectiveCompliances | None:
-        """Return those of the model with links alone that is tied; None where it has no certified optimum.
+        """Return the effective compliances of the tied model with links; None if its fit is not certified.
 
-        Their intervals are of the richest model with links alone, or of the tied one where the richest has no
-        certified optimum.
+        Their intervals come from the richest model with links alone, or from the tied model if the fit of the
+        richest is not certified.
         """
         richest = next(each.model for each in reversed(selection.models) if each.model in LINKS_ALONE)
         try:
-            links = self._fit(selection.of(tied), paths)
+            links = self._fit_with_chosen_penalty(selection.of(tied), paths)
         except UnsupportedMethodError:
             return None
         try:
-            return self._effective(links, self._fit(selection.of(richest), paths))
+            return self._compute_effective(links, self._fit_with_chosen_penalty(selection.of(richest), paths))
         except UnsupportedMethodError:
-            return self._effective(links, links)
+            return self._compute_effective(links, links)
 
-    def _effective(self, elastic: ElasticEstimate, widest: ElasticEstimate) -> EffectiveCompliances:
+    def _compute_effective(self, elastic: ElasticEstimate, widest: ElasticEstimate) -> EffectiveCompliances:
         return effective_compliances(
             self._joints.robot,
             elastic,

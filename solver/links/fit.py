@@ -53,16 +53,16 @@ from jointstiff.solver.messages import point
 
 @dataclass(frozen=True, eq=False)
 class Companion:
-    """Plain squares that belong to an estimate: its uncertainties are computed with them.
+    """Unweighted least-squares problem with which the uncertainties of an estimate are computed.
 
-    Those whose weights give a robust loss's optimum count a residual that the loss makes zero many times, and
-    promise too much.
+    Weighted squares that reproduce the optimum of a robust loss would not do: they weight residuals near zero
+    heavily, so that uncertainties would be too small.
     """
 
     formulation: Formulation  #: formulation of the whole set
     weight: float  #: λ of its penalty
-    #: sigma of one coordinate of one reading, of the residuals where these exceed what is stated [m]; None
-    #: without degrees of freedom
+    #: standard uncertainty of one coordinate of one reading [m]: the stated sigma, or that of the residuals
+    #: if greater; None without degrees of freedom
     sigma: float | None
     degrees_of_freedom: float | None  #: of a sigma that comes from residuals; None for one that was given
 
@@ -80,7 +80,7 @@ class ElasticEstimate:
     entries: FloatArray  #: (P,) all compliances by their columns, which predict: rows @ entries
     links: tuple[ElasticCompliance, ...]  #: links that bend
     base: ElasticCompliance | None  #: compliance of the base; None where it is taken to be rigid
-    elements: tuple[ElementShare, ...]  #: what each explains
+    elements: tuple[ElementShare, ...]  #: share of the deflections that each element explains
     prediction: Prediction  #: prediction of all deflections
     sigma: float | None  #: given, or of the residuals [m]; None without degrees of freedom
     chi_square: float  #: chi square of the weighted residuals, under sigma
@@ -88,7 +88,7 @@ class ElasticEstimate:
     effective_freedom: float  #: effective freedom of the whole model: how many numbers the readings determine
     parameters: int  #: how many numbers the model has
     certificate: LinkCertificate  #: certificate of optimality
-    companion: Companion  #: what uncertainties are computed with
+    companion: Companion  #: problem with which uncertainties are computed
 
     @property
     def unexplained(self) -> float:
@@ -96,8 +96,8 @@ class ElasticEstimate:
         return 1.0 - sum(element.share for element in self.elements)
 
 
-def principal(block: FloatArray) -> list[PrincipalCompliance]:
-    """Return the principal compliances of a block (3, 3), largest first."""
+def find_principal_compliances(block: FloatArray) -> list[PrincipalCompliance]:
+    """Return the principal compliances and directions of a compliance block (3, 3), largest first."""
     values, vectors = np.linalg.eigh(block)
     pairs = zip(np.maximum(values[::-1], 0.0).tolist(), in_one_sense(vectors.T[::-1]), strict=True)
     return [PrincipalCompliance(value=value, direction=point(direction)) for value, direction in pairs]
@@ -116,12 +116,13 @@ _LEAST_FREEDOM: Final = 0.5
 
 
 def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -> None:
-    """Refuse what does not go with more than joints, before any work is done.
+    """Refuse options and readings that a model with bending links or base does not support.
 
-    K_c is left out where links bend, whatever the settings: at 1 kN it changes 0.05 % of a deflection.
+    The complementary stiffness is not among them: it is left out where links bend, whatever the settings, as
+    at 1 kN it changes a deflection by 0.05 % only.
 
     Raises:
-        UnsupportedMethodError: naming the option and what to do.
+        UnsupportedMethodError: an option is not supported; the error names the option and a remedy.
     """
     positive = bool((settings.bounds.lower == 0.0).all() and np.isinf(settings.bounds.upper).all())
     refused = (
@@ -143,20 +144,20 @@ def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -
 
 
 def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> ElasticEstimate:
-    """Fit a model to a whole set.
+    """Fit an elastic model to the whole set for a given penalty, and certify the optimum.
 
     Args:
-        folds: the set, with its compressed rows.
-        model: what bends besides the joints; not joints alone, which need no penalty.
+        folds: measurement set with its compressed rows.
+        model: what bends besides the joints; a model of joints alone is not supported.
         weight: λ > 0 of the penalty.
 
     Raises:
         UnsupportedMethodError: the penalty has no scale, or is too small for the optimum to be certified.
     """
     robot, measurements, formulation = folds.robot, folds.measurements, folds.formulation(model)
-    scale = _scale(formulation, measurements.sigma)
+    scale = _scale_gaps(formulation, measurements.sigma)
     unit = scale / formulation.unit_of_gaps(model)
-    try:  # as exactly as rounding allows, and certified in any case
+    try:  # the desired gap if rounding allows, else any gap that is still accepted
         gap, accepted = _DESIRED_GAP * unit, _SOLVED_GAP * unit
         solution, threshold = formulation.fit(model, weight, gap=gap, accepted=accepted)
     except SolverError as error:
@@ -167,7 +168,9 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
     if not gap <= CERTIFIED_GAP:
         raise _uncertified_error(weight)
     squares, weight_of_squares = formulation.companion(model, compliances, weight, threshold)
-    freedom, left, sigma, chi_square = _residuals(squares, weight_of_squares, compliances, measurements.sigma)
+    freedom, left, sigma, chi_square = _summarise_residuals(
+        squares, weight_of_squares, compliances, measurements.sigma
+    )
     elements, prediction = _shares_of_elements(robot, measurements, model, compliances)
     seen = np.isin(np.arange(robot.n), formulation.columns)
     joints = to_matrix(compliances[columns.coupling], columns.n) + np.diag(compliances[columns.joints])
@@ -179,12 +182,12 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
         entries=compliances,
         links=tuple(
             ElasticCompliance(
-                joint=robot.joint_names[frame], **_compliance(compliances, model, freedom, frame)
+                joint=robot.joint_names[frame], **_summarise_compliance(compliances, model, freedom, frame)
             )
             for frame in model.frames
             if frame != BASE
         ),
-        base=ElasticCompliance(joint=None, **_compliance(compliances, model, freedom, BASE))
+        base=ElasticCompliance(joint=None, **_summarise_compliance(compliances, model, freedom, BASE))
         if BASE in model.frames
         else None,
         elements=elements,
@@ -197,25 +200,27 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
         certificate=LinkCertificate(
             least_eigenvalue=least, dual=solution.certificate.dual, gap=gap, scale=float(scale)
         ),
-        companion=_companion(formulation, model, compliances, weight),
+        companion=_build_companion(formulation, model, compliances, weight),
     )
 
 
-def _companion(form: Formulation, model: ElasticModel, compliances: FloatArray, weight: float) -> Companion:
-    """Return the plain squares of a fit, their sigma raised where the residuals exceed what is stated."""
+def _build_companion(
+    form: Formulation, model: ElasticModel, compliances: FloatArray, weight: float
+) -> Companion:
+    """Return the problem for a fit's uncertainties, with sigma raised if the residuals exceed it."""
     weight, stated = form.weight_of_squares(model, compliances, weight), form.sigma
-    _, left, sigma, chi_square = _residuals(form, weight, compliances, stated)
+    _, left, sigma, chi_square = _summarise_residuals(form, weight, compliances, stated)
     if stated is None or sigma is None:
         return Companion(form, weight, sigma, left)
     excess = sqrt(chi_square / left) if left >= _LEAST_FREEDOM else 1.0
     return Companion(form, weight, sigma * max(1.0, excess), None)
 
 
-def first_certified(folds: Folds, model: ElasticModel, weights: Sequence[float]) -> ElasticEstimate:
-    """Fit a model with the first of some ascending weights whose optimum is certified.
+def fit_first_certified(folds: Folds, model: ElasticModel, weights: Sequence[float]) -> ElasticEstimate:
+    """Fit a model with the first of some ascending penalties whose optimum can be certified.
 
     Raises:
-        UnsupportedMethodError: none is; the error is that of the last.
+        UnsupportedMethodError: no optimum is certified; the error is that of the last penalty.
     """
     for weight in weights[:-1]:
         try:
@@ -225,12 +230,14 @@ def first_certified(folds: Folds, model: ElasticModel, weights: Sequence[float])
     return estimate_elastic(folds, model, weights[-1])
 
 
-def _residuals(
+def _summarise_residuals(
     squares: Formulation, weight: float, compliances: FloatArray, sigma: float | None
 ) -> tuple[FloatArray, float, float | None, float]:
-    """Return the freedom (P,) of each column, what is left, sigma [m] and chi-square under it.
+    """Return the figures of a fit's residuals.
 
-    Sigma is of the residuals if it is not given.
+    Returns:
+        The effective freedom (P,) of each column; the remaining degrees of freedom; sigma [m], computed from
+        the residuals if None is given; and the chi-square of the residuals under sigma, 0 without sigma.
     """
     x, rows = compliances[squares.columns] / squares.unit, squares.rows
     freedom = np.zeros(squares.width)
@@ -242,12 +249,11 @@ def _residuals(
     return freedom, left, sigma, total / sigma**2 if sigma else 0.0
 
 
-def _scale(formulation: Formulation, sigma: float | None) -> float:
-    """Return the unit of gaps [m]: sigma, or the residuals where they are greater.
+def _scale_gaps(formulation: Formulation, sigma: float | None) -> float:
+    """Return the length [m] in which gaps of certificates are stated: sigma, or the residuals if greater.
 
-    The residual scale of joints alone, with its model error as noise, replaces an unknown sigma.
-    The least that the model leaves without constraints is no noise that sigma knows of: no optimum is
-    needed more exactly than that.
+    An unknown sigma is replaced by the residual scale of a fit of joints alone. Residuals that remain without
+    penalty and constraints count as noise too: no optimum is needed more exactly than they are.
     """
     fit, rows, joints = formulation.squares, formulation.rows, formulation.cone.free
     R = fit.R[:, :joints]
@@ -259,14 +265,17 @@ def _scale(formulation: Formulation, sigma: float | None) -> float:
 
 def _uncertified_error(weight: float) -> UnsupportedMethodError:
     return UnsupportedMethodError(
-        f"with a penalty of {weight:.3g} rounding hides which links bend: no optimum can be certified",
+        f"with a penalty of {weight:.3g}, rounding errors hide which links bend, and no fit can be certified",
         where="link_penalty",
         remedy=f"give link_penalty {10.0 * weight:.0e} or more, choose fewer links, or omit link_penalty",
     )
 
 
 def _semidefinite_compliances(compliances: FloatArray, model: ElasticModel) -> tuple[FloatArray, float]:
-    """(P,) compliances whose matrices, in SI units, have no computed eigenvalue below zero, and the least."""
+    """Return compliances (P,) with matrices made positive semidefinite, and the least eigenvalue of all.
+
+    The eigenvalues are those computed in SI units: rounding of a scaled optimum may leave some below zero.
+    """
     out, columns = compliances.copy(), model.columns
     places = [(6, columns.link(frame)) for frame in columns.frames] + [(columns.n, columns.coupling)]
     least = [float(out[columns.joints].min())]
@@ -277,16 +286,16 @@ def _semidefinite_compliances(compliances: FloatArray, model: ElasticModel) -> t
     return out, min(least)
 
 
-def _compliance(
+def _summarise_compliance(
     compliances: FloatArray, model: ElasticModel, freedom: FloatArray, frame: int
 ) -> dict[str, Any]:
-    """Return the fields of an `ElasticCompliance` of one of the frames that bend, but its joint."""
+    """Return the fields of the `ElasticCompliance` of a bending link or base, without the field `joint`."""
     own = model.columns.link(frame)
     matrix = to_matrix(compliances[own], 6)
     return {
         "matrix": matrix.tolist(),
-        "translation": principal(matrix[:3, :3]),
-        "rotation": principal(matrix[3:, 3:]),
+        "translation": find_principal_compliances(matrix[:3, :3]),
+        "rotation": find_principal_compliances(matrix[3:, 3:]),
         "effective_freedom": float(freedom[own].sum()),
         "parameters": 6 if model.name == "diagonal_links" else len(own),
     }
@@ -295,7 +304,7 @@ def _compliance(
 def _shares_of_elements(
     robot: Robot, measurements: Measurements, model: ElasticModel, compliances: FloatArray
 ) -> tuple[tuple[ElementShare, ...], Prediction]:
-    """Return what each element explains of the measured deflections, and all of them together."""
+    """Return the share of the measured deflections that each element explains, and the whole prediction."""
     columns = model.columns
     coupled = columns.coupling[diagonal(columns.n)]
     places: list[tuple[Literal["joint", "coupling", "link", "base"], str | None, IndexArray]] = [
@@ -309,7 +318,7 @@ def _shares_of_elements(
         places.append((kind, None if frame == BASE else robot.joint_names[frame], columns.link(frame)))
     predicted, along = [], []
     for block, rows in elastic_blocks(robot, measurements, model.columns):
-        # Whatever was not read is zero, in the rows as in the deflections.
+        # Missing readings add nothing: their rows and deflections are zero.
         weighed = np.einsum("btip,bti->bp", rows[..., :-1], block.measurements.deflection) * compliances
         along.append(np.stack([weighed[:, own].sum(axis=1) for _, _, own in places]))
         predicted.append(rows[..., :-1] @ compliances)
@@ -340,9 +349,10 @@ _GAP: Final = 1e-4
 
 
 def effective_rows(robot: Robot, columns: ElasticColumns) -> FloatArray:
-    """Return rows (n, P) that take the compliances to the effective ones [rad/(N·m)].
+    """Return the matrix (n, P) that takes all compliances (P,) to the joints' effective compliances.
 
-    A motion of the base about or along the axis of joint 1 moves every target as that joint does.
+    An effective compliance [rad/(N·m)] adds to a joint the motion of its link about or along the same axis,
+    and to joint 1 that of the base, too: each moves every target as the joint does.
     """
     rows = np.zeros((columns.n, columns.width))
     rows[np.arange(columns.n), columns.joints] = 1.0
@@ -359,29 +369,29 @@ def effective_rows(robot: Robot, columns: ElasticColumns) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class EffectiveCompliances:
-    """The n effective compliances with their intervals; NaN where something is not known."""
+    """Effective compliances of the n joints with their ranges; NaN where a number is not known."""
 
     #: (n,) of the joints with their links' rotations about, or motions along, their axes [rad/(N·m)]
     compliance: FloatArray
     range: FloatArray  #: (n, 2) least and greatest values [rad/(N·m)]
     quantile: float  #: half of a range in standard uncertainties
-    quoted: bool = True  #: whether the ranges are intervals: not where prediction did not choose the penalty
+    quoted: bool = True  #: whether the ranges are quoted as intervals: not if the penalty was given
 
     @property
     def ends(self) -> FloatArray:
-        """(n, 2) ends of the intervals [rad/(N·m)]; NaN where none are quoted."""
+        """Ends (n, 2) of the quoted intervals [rad/(N·m)]; NaN if no intervals are quoted."""
         return self.range if self.quoted else np.full_like(self.range, np.nan)
 
     @property
     def uncertainty(self) -> FloatArray:
-        """(n,) standard uncertainties [rad/(N·m)]: half of a range over the quantile."""
+        """Standard uncertainties (n,) [rad/(N·m)]: half of a range divided by the quantile."""
         return 0.5 * (self.range[:, 1] - self.range[:, 0]) / self.quantile
 
     def joined(self, other: EffectiveCompliances) -> EffectiveCompliances:
-        """Return these compliances with intervals that contain those of another model, too."""
+        """Return these compliances with ranges widened to contain the ranges of another model."""
         low = np.fmin(self.range[:, 0], other.range[:, 0])
         high = np.fmax(self.range[:, 1], other.range[:, 1])
-        # Where only the other model has an interval, it may leave out the value of this one.
+        # A range that only the other model has need not contain this model's value: widen it to the value.
         own = np.where(np.isnan(low), np.nan, self.compliance)
         low, high = np.fmin(low, own), np.fmax(high, own)
         return replace(self, range=np.column_stack([low, high]), quantile=min(self.quantile, other.quantile))
@@ -395,17 +405,19 @@ def effective_compliances(
     *,
     with_ends: bool = True,
 ) -> EffectiveCompliances:
-    """Find the range of each where the objective is near its least, under a lighter penalty.
+    """Compute the joints' effective compliances and their confidence ranges.
 
-    All readings see a base, so that squares alone determine it together with the joints. The range then holds
-    theirs, too, which neither the penalty nor the cone, on whose face a real base lies, has moved.
+    A range holds the values at which the objective, under a lighter penalty, is close to its minimum. With
+    joints and base alone, it also holds the range of plain least squares, which determine them without a
+    penalty or constraints that could bias them.
 
     Args:
         robot: n joints.
-        elastic: with links; the intervals contain its effective compliances in any case.
-        confidence: of the intervals.
-        widest: richest model compared, with the same columns, whose range it is; the same estimate if None.
-        with_ends: whether prediction chose the penalty; of one that was given no ends are quoted.
+        elastic: estimate whose effective compliances are returned; the ranges contain them in any case.
+        confidence: confidence level of the ranges.
+        widest: estimate of the richest model compared, from which the ranges are computed; None takes
+            `elastic`.
+        with_ends: whether to quote the ranges as intervals: only if cross-validation chose the penalty.
     """
     widest = widest or elastic
     companion = widest.companion
@@ -437,16 +449,16 @@ LARGEST_UNCERTAINTY: Final = 0.5
 """Relative standard uncertainty of an effective compliance above which it is poorly known."""
 
 RIGID: Final = 1e-12
-"""Compliance [rad/(N·m)] that no reading tells from none: cone programs stop short of zero."""
+"""Compliance [rad/(N·m)] below which a joint counts as rigid: cone programs stop short of zero."""
 
 
 def with_links(estimate: Estimate, elastic: ElasticEstimate, effective: EffectiveCompliances) -> Estimate:
-    """Return the estimate of the effective compliances about the joints' axes.
+    """Return the joints' estimate with their compliances replaced by effective compliances.
 
     Args:
-        estimate: of joints alone.
-        elastic: with links.
-        effective: of the same joints.
+        estimate: estimate of joints alone.
+        elastic: estimate with bending links or base.
+        effective: effective compliances of the same joints.
     """
     others = {link.joint: "its link" for link in elastic.links}
     if elastic.base is not None:
@@ -479,9 +491,10 @@ def with_links(estimate: Estimate, elastic: ElasticEstimate, effective: Effectiv
 def _effective_joint(
     joint: JointCompliance, effective: EffectiveCompliances, j: int, other: str | None
 ) -> JointCompliance:
-    """Return the result about the axis of joint j, with what else bends about it.
+    """Return the result of joint j with its effective compliance and remarks on what else bends there.
 
-    A joint that is not observable stays so.
+    `other` names the link or base that bends about the same axis. A joint that is not observable is returned
+    unchanged.
     """
     compliance, uncertainty = float(effective.compliance[j]), float(effective.uncertainty[j])
     if joint.status == "not_observable" or np.isnan(compliance):
@@ -490,17 +503,18 @@ def _effective_joint(
     rigid = compliance < RIGID
     motion = JOINT_UNITS[joint.kind].of_link
     together = (
-        f"effective: the joint and {other}'s {motion} its axis together, which readings do not tell apart"
+        f"effective compliance: the joint together with {other}'s {motion} its axis, which readings "
+        "do not distinguish"
     )
     remarks = [] if other is None else [together]
     if rigid:
-        remarks = ["what else bends explains the readings without this joint"]
+        remarks = ["the other elements explain the readings without a compliance of this joint"]
     elif not np.isfinite(uncertainty):
         remarks.append("no interval: the range of compliances that fit the readings was not found")
     elif uncertainty > LARGEST_UNCERTAINTY * compliance:
         remarks.append(
-            f"poorly determined (standard uncertainty {100 * uncertainty / compliance:.0f} %): links can "
-            "replace it"
+            f"poorly determined (standard uncertainty {100 * uncertainty / compliance:.0f} %): "
+            "bending links explain the readings nearly as well"
         )
     return JointCompliance(
         name=joint.name,

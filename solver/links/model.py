@@ -66,11 +66,11 @@ _BLOCK = 256
 class ElasticColumns:
     """Columns of each compliance among the P columns of the richest model.
 
-    Entries of matrices are vectors as in `jointstiff.solver.estimation.conic`.
+    A symmetric matrix has a column for each entry of a triangle, as in `jointstiff.solver.estimation.conic`.
     """
 
     n: int  #: joints
-    links: tuple[int, ...]  #: which joints' frames carry a link that bends; the base may in any case
+    links: tuple[int, ...]  #: indices of the joints whose links may bend; the base may bend in any case
 
     def __post_init__(self) -> None:
         if self.n > MOST_JOINTS:
@@ -93,7 +93,7 @@ class ElasticColumns:
 
     @property
     def width(self) -> int:
-        """P."""
+        """Number P of columns."""
         return self.n + len(self.coupling) + 21 * len(self.frames)
 
     @property
@@ -128,7 +128,7 @@ class ElasticRows:
 
     #: (P + 1, P + 1) with ``TᵀT`` the Gram matrix of the rows [A d], whitened in units of sigma
     triangle: FloatArray
-    configurations: int  #: how many
+    configurations: int  #: number of observations
     readings: int  #: coordinates that were read
     targets: int  #: targets that were read
     force: float  #: sum of ‖F‖² [N²]
@@ -141,8 +141,8 @@ class ElasticRows:
     each: FloatArray
 
     @classmethod
-    def merged(cls, parts: Sequence[ElasticRows]) -> ElasticRows:
-        """Return the rows of all observations of the parts; nothing is subtracted, so nothing cancels."""
+    def merge(cls, parts: Sequence[ElasticRows]) -> ElasticRows:
+        """Return the rows of all observations of several parts, by sums alone, so that no digits cancel."""
         summed = (f.name for f in fields(cls) if f.name not in {"triangle", "each"})
         sums = {name: sum(getattr(part, name) for part in parts) for name in summed}
         each = np.concatenate([part.each for part in parts])
@@ -150,13 +150,13 @@ class ElasticRows:
         triangle = triangle_of(np.concatenate([part.triangle for part in parts]))
         return cls(triangle=triangle, each=each, **sums)
 
-    def lengths(self, compliances: FloatArray) -> FloatArray:
-        """Return the lengths (K,) of the whitened residuals of each target by compliances (P,) [m]."""
+    def residual_norms(self, compliances: FloatArray) -> FloatArray:
+        """Return the norms (K,) [m] of each target's whitened residual at compliances (P,)."""
         residuals = self.each[..., :-1] @ compliances - self.each[..., -1]
         return np.asarray(np.linalg.norm(residuals, axis=1))
 
-    def weighted(self, weight: FloatArray) -> ElasticRows:
-        """Return the same rows with a triangle whose targets are weighted (K,); `each` stays unweighted."""
+    def weight_targets(self, weight: FloatArray) -> ElasticRows:
+        """Return rows whose triangle weights the K targets by `weight` (K,); `each` stays unweighted."""
         rows = np.sqrt(weight)[:, None, None] * self.each
         return replace(self, triangle=triangle_of(rows.reshape(-1, rows.shape[-1])))
 
@@ -164,16 +164,16 @@ class ElasticRows:
 def elastic_rows(
     robot: Robot, measurements: Measurements, columns: ElasticColumns, parts: Sequence[IndexArray]
 ) -> tuple[ElasticRows, ...]:
-    """Compress parts of a set, in one pass over its blocks: memory stays flat.
+    """Compress the rows of each of several parts of a measurement set, in one pass with little memory.
 
     Args:
         robot: n joints.
         measurements: N observations.
-        columns: of the richest model.
-        parts: the observations of each part, ascending.
+        columns: columns of the richest model.
+        parts: ascending indices of the observations of each part.
 
     Raises:
-        MeasurementError: a covariance is not one.
+        MeasurementError: a covariance is not positive definite.
     """
     triangles = [Triangle(entries=columns.width) for _ in parts]
     levers, each = np.zeros((len(parts), robot.n + 1)), [[np.zeros((0, 3, columns.width + 1))] for _ in parts]
@@ -183,7 +183,7 @@ def elastic_rows(
         present, in_sigma = block.measurements.present, whitened(block.measurements.covariance, rows)
         lever = np.square(block.frames[2]).sum(axis=2)
         for k, part in enumerate(parts):
-            own = within(part, start, start + len(present))
+            own = select_rows_of_part(part, start, start + len(present))
             triangles[k].add(in_sigma[own], count=3 * int(present[own].sum()))
             if few[k]:
                 each[k].append(in_sigma[own][present[own]])
@@ -205,8 +205,12 @@ def elastic_rows(
     )
 
 
-def within(part: IndexArray, start: int, stop: int) -> IndexArray:
-    """Return which observations of a block, from start to stop, belong to an ascending part of the set."""
+def select_rows_of_part(part: IndexArray, start: int, stop: int) -> IndexArray:
+    """Return the rows of a part of the set within a block.
+
+    The part holds ascending indices of observations; the block has the observations from start to stop. Rows
+    count from the start of the block.
+    """
     first, last = np.searchsorted(part, [start, stop])
     return np.asarray(part[first:last] - start)
 
@@ -214,7 +218,7 @@ def within(part: IndexArray, start: int, stop: int) -> IndexArray:
 def elastic_blocks(
     robot: Robot, measurements: Measurements, columns: ElasticColumns
 ) -> Iterator[tuple[RegressorBlock, FloatArray]]:
-    """Yield blocks with their rows (B, T, 3, P + 1): columns of the richest model, then the readings."""
+    """Yield blocks of observations, each with rows (B, T, 3, P + 1): columns of the model, then readings."""
     for start in range(0, len(measurements), _BLOCK):
         for block in regressor_blocks(robot, measurements[start : start + _BLOCK]):
             yield block, rows_of(block, columns.terms, np.zeros(robot.n)).targets
@@ -254,7 +258,7 @@ _NO_COLUMN: Final = 1e-9
 
 @dataclass(frozen=True)
 class ElasticModel:
-    """Set of the elements that deflect."""
+    """Elements that deflect, and the loss by which their compliances are fitted."""
 
     #: elastic elements besides the joints, whose compliances are zero or positive: `coupled_joints` a
     #: full positive semidefinite joint compliance, `diagonal_links` six compliances a link,
@@ -268,15 +272,17 @@ class ElasticModel:
 
     @property
     def key(self) -> tuple[ModelName, Loss]:
-        """Return what tells it from the other models of a run."""
+        """Return name and loss, which identify the model within a run."""
         return self.name, self.loss
 
     def elements(self, seen: BoolArray, lever: FloatArray) -> Iterator[tuple[IndexArray, FloatArray, bool]]:
-        """Yield columns of each penalised element, the diagonal of its K, and whether its matrix is full.
+        """Yield the penalised elements: columns, diagonal of K, and whether the compliance is a full matrix.
+
+        With a compliance C, the penalty is the trace of K C K; otherwise C is diagonal.
 
         Args:
-            seen: (n,) joints that have a number.
-            lever: (n + 1,) ρ [m].
+            seen: (n,) joints whose compliance is determined.
+            lever: (n + 1,) lever ρ of the load about each joint's frame and the base [m].
         """
         turning = np.sqrt(2.0 / 3.0) * lever
         if self.name == "coupled_joints":
@@ -290,14 +296,14 @@ class ElasticModel:
 
     @property
     def frames(self) -> tuple[int, ...]:
-        """Return the frames that bend: of links, and the base."""
+        """Return the frames of the elements that bend: indices of links' joints, and `BASE`."""
         links = () if self.name in {"joints", "coupled_joints", "joints_and_base"} else self.columns.links
         return (*links, BASE) if self.name in WITH_BASE else links
 
 
 @dataclass(frozen=True, eq=False)
 class Formulation:
-    """A model on some observations, ready to be solved for any weight of the penalty."""
+    """Optimisation problem of a model on some observations, for any weight of the penalty."""
 
     squares: LeastSquares  #: quadratic part, in the program's parameters
     cone: Cone  #: cone of the parameters
@@ -311,7 +317,7 @@ class Formulation:
 
     @property
     def width(self) -> int:
-        """P, number of columns."""
+        """Number P of columns."""
         return len(self.rows.triangle[0]) - 1
 
     @cached_property
@@ -321,36 +327,38 @@ class Formulation:
 
     @cached_property
     def _norms(self) -> NormSum:
-        """The same model on each target: one program for all robust losses and penalties."""
+        """Sum of the norms of the targets' residuals, which all robust losses and penalties share."""
         A = self.rows.each[..., self.columns] * (self.unit / self.total)
         return NormSum(A, self.rows.each[..., -1] / self.total, self.cone)
 
     def program(self, weight: float) -> SemidefiniteProgram:
-        """The program for a weight λ of the penalty."""
+        """Return the program of the squared loss for a weight λ of the penalty."""
         return SemidefiniteProgram(self.squares, self.cone, weight)
 
-    def robust(self, weight: float, threshold: float) -> RobustProgram:
+    def build_robust_program(self, weight: float, threshold: float) -> RobustProgram:
         """Return the program of a robust loss for a weight λ and a threshold h [m]."""
         return RobustProgram(self._norms, weight, threshold / self.total)
 
-    def absolute(self, weight: float, gap: float, accepted: float | None = None) -> ConeSolution:
-        """Return the fit of absolute residuals; see `fit`."""
+    def fit_absolute(self, weight: float, gap: float, accepted: float | None = None) -> ConeSolution:
+        """Return the fit with the absolute loss, kept for reuse; see `fit` for the arguments."""
         key = weight, gap, accepted
         if key not in self._absolute:
-            self._absolute[key] = solve_robust(self.robust(weight, 0.0), gap=gap, accepted=accepted)
+            self._absolute[key] = solve_robust(
+                self.build_robust_program(weight, 0.0), gap=gap, accepted=accepted
+            )
         return self._absolute[key]
 
     def compliances(self, x: FloatArray) -> FloatArray:
-        """(..., P) compliances of parameters (..., p); zero where no parameter is."""
+        """Return compliances (..., P) of parameters (..., p); zero in columns without a parameter."""
         out = np.zeros((*x.shape[:-1], self.width))
         out[..., self.columns] = self.unit * x
         return out
 
     def unit_of_gaps(self, model: ElasticModel) -> float:
-        """Return the unit of certificates' gaps [m]: of fitted readings all together, or of mean residuals.
+        """Return the unit [m] by which a certificate's gap becomes a length.
 
-        A gap of squares is ‖R (x − x̂)‖ / ‖z‖. One of the others is the excess of the objective, and times
-        this size the excess of the mean norm of a residual.
+        With squares, the length is ‖R (x − x̂)‖, how far the fitted readings are from those at the optimum;
+        with robust losses, it is the excess of the mean norm of a target's residual.
         """
         if model.loss == "squared":
             return self.size
@@ -359,30 +367,35 @@ class Formulation:
     def fit(
         self, model: ElasticModel, weight: float, *, gap: float, accepted: float | None = None
     ) -> tuple[ConeSolution, float]:
-        """Fit, Huber's loss with h in units of sigma, or of the robust scale of the absolute residuals.
+        """Fit the parameters with the model's loss, and certify the optimum.
+
+        The threshold of Huber's loss is in units of sigma; if sigma is unknown, in units of the robust scale
+        of the residuals of a fit with the absolute loss.
 
         Args:
             model: what bends, and the loss.
-            weight: λ > 0.
-            gap: of a certificate, in units of `unit_of_gaps`, that ends the search.
-            accepted: greatest that is accepted; the same if None.
+            weight: λ > 0 of the penalty.
+            gap: gap of the certificate that ends the search, in units of `unit_of_gaps`.
+            accepted: greatest gap that is accepted; `gap` if None.
 
         Returns:
-            Parameters (p,) of the formulation with their evidence, and the threshold h [m] of Huber's loss;
-            0 of absolute residuals, inf of squares.
+            Parameters (p,) with their certificate, and the threshold h [m] of Huber's loss: 0 for the
+            absolute loss, inf for squares.
 
         Raises:
-            SolverError: no answer has such a certificate.
+            SolverError: no optimum is certified within the accepted gap.
         """
         if model.loss == "squared":
             return solve_cone(self.program(weight), gap=gap, accepted=accepted), float("inf")
         if model.loss == "absolute":
-            return self.absolute(weight, gap, accepted), 0.0
+            return self.fit_absolute(weight, gap, accepted), 0.0
         scale = self.sigma
         if scale is None:
-            scale = self._robust_scale(self.compliances(self.absolute(weight, gap).x))
+            scale = self._robust_scale(self.compliances(self.fit_absolute(weight, gap).x))
         threshold = model.threshold * scale
-        return solve_robust(self.robust(weight, threshold), gap=gap, accepted=accepted), threshold
+        return solve_robust(
+            self.build_robust_program(weight, threshold), gap=gap, accepted=accepted
+        ), threshold
 
     def gap_at(
         self,
@@ -392,33 +405,33 @@ class Formulation:
         solution: ConeSolution,
         threshold: float,
     ) -> float:
-        """Return the gap of compliances (P,) near a fit, in units of `unit_of_gaps`."""
+        """Return the certificate's gap at compliances (P,) close to a fit, in units of `unit_of_gaps`."""
         x = compliances[self.columns] / self.unit
         if model.loss == "squared":
             return certify_cone(self.program(weight), x).gap
-        program = self.robust(weight, threshold)
+        program = self.build_robust_program(weight, threshold)
         return certify_robust(program, x, solution.certificate.multipliers).gap
 
     def joints_only(self) -> FloatArray:
-        """(p,) parameters of a model without penalised elements under squares, exactly."""
+        """Return the exact least-squares parameters (p,) of a model of joints alone, which has no penalty."""
         R, z = self.squares.R, self.squares.z
         problem = IdentificationProblem(R, z, Bounds.positive(R.shape[1]))
         return solve_step(problem).compliance
 
     def _robust_scale(self, compliances: FloatArray) -> float:
-        """Return the robust scale [m] of the residuals of compliances (P,)."""
-        norms = self.rows.lengths(compliances)
+        """Return the robust standard deviation [m] of the residuals at compliances (P,), by their median."""
+        norms = self.rows.residual_norms(compliances)
         least = _LEAST_SCALE * self.total / max(1, len(norms))
         return max(float(np.median(norms)) / MEDIAN_NORM, least)
 
     def companion(
         self, model: ElasticModel, compliances: FloatArray, weight: float, threshold: float
     ) -> tuple[Formulation, float]:
-        """Return the weighted squares that share the optimum, and the weight of their penalty.
+        """Return a weighted least-squares problem with the optimum of a fit, and its penalty's weight.
 
-        A target beyond the threshold h counts h/‖r‖: the stationarity of Huber's loss is that of these
-        squares. For absolute residuals h is the threshold times their robust scale, and the optimum
-        is shared about.
+        A target whose residual r exceeds the threshold h has weight h/‖r‖: these squares are stationary where
+        Huber's loss is. For the absolute loss, h is the threshold times the robust scale of the residuals,
+        and the optimum is only nearly the same.
 
         Args:
             model: what bends, and the loss.
@@ -430,16 +443,17 @@ class Formulation:
             return self, weight
         if threshold == 0.0:
             threshold = model.threshold * max(self._robust_scale(compliances), self.sigma or 0.0)
-        norms = self.rows.lengths(compliances)
-        weighted = self.rows.weighted(threshold / np.maximum(norms, threshold))
+        norms = self.rows.residual_norms(compliances)
+        weighted = self.rows.weight_targets(threshold / np.maximum(norms, threshold))
         seen = np.isin(np.arange(model.columns.n), self.columns)
         squares = formulate(weighted, model, seen, self.sigma)
         return squares, 2.0 * self.total * threshold * weight / squares.size**2
 
     def weight_of_squares(self, model: ElasticModel, compliances: FloatArray, weight: float) -> float:
-        """Return the weight of the penalty, with plain squares, that pulls as much as at a fit.
+        """Return the penalty's weight for plain squares that is as strong as λ is in a robust fit.
 
-        A residual counts by its direction under the absolute loss, and by its length under squares.
+        The gradient of the absolute loss has the direction of a residual only, that of squares also its
+        length, so that the weight scales with the mean length of the residuals.
 
         Args:
             model: what bends, and the loss.
@@ -448,20 +462,20 @@ class Formulation:
         """
         if model.loss == "squared":
             return weight
-        length = float(self.rows.lengths(compliances).mean())
+        length = float(self.rows.residual_norms(compliances).mean())
         return max(2.0 * self.total * length * weight / self.size**2, _LEAST_WEIGHT)
 
 
 def formulate(
     rows: ElasticRows, model: ElasticModel, visible: BoolArray, sigma: float | None = None
 ) -> Formulation:
-    """State a model on some observations.
+    """Formulate the fit of a model to some observations as an optimisation problem.
 
     Args:
-        rows: of the observations.
+        rows: compressed rows of the observations.
         model: what bends.
-        visible: (n,) joints that the readings see.
-        sigma: of one coordinate of one reading, if it is stated [m].
+        visible: (n,) joints whose compliances the readings determine.
+        sigma: stated standard uncertainty of one coordinate of one reading [m]; None if unknown.
 
     Raises:
         UnsupportedMethodError: nothing moved or nothing loads the robot, so that the penalty has no scale.
@@ -471,7 +485,7 @@ def formulate(
     norms = np.linalg.norm(triangle[:, model.columns.joints], axis=0)
     seen = visible & (norms > _NO_COLUMN * norms.max())
     joints = np.flatnonzero(seen)
-    scale, lever = _scale(rows, size)
+    scale, lever = _scale_penalty(rows, size)
     scalars, blocks, sizes = [(joints, size / norms[joints])], [], []
     for columns, root, full in model.elements(seen, lever):
         if full:
@@ -494,10 +508,14 @@ def formulate(
     )
 
 
-def _scale(rows: ElasticRows, size: float) -> tuple[float, FloatArray]:
-    """Compliance u that takes the force to the deflection [m/N], and the levers ρ (n + 1,) [m].
+def _scale_penalty(rows: ElasticRows, size: float) -> tuple[float, FloatArray]:
+    """Return the unit of compliance u [m/N] and the levers ρ (n + 1,) [m] that scale the penalty.
 
-    A moment counts as the force that has it on the joints' levers.
+    u is the root mean square deflection over the root mean square force. A moment counts as the force that
+    makes such a moment on the levers of the joints.
+
+    Raises:
+        UnsupportedMethodError: nothing moved, or no load has a lever arm.
     """
     lever = np.sqrt(rows.lever / rows.configurations)
     lever = np.maximum(lever, _SHORTEST_LEVER * lever[:BASE].max())
@@ -511,11 +529,11 @@ def _scale(rows: ElasticRows, size: float) -> tuple[float, FloatArray]:
     return float(np.sqrt(rows.deflection / rows.targets / (force / rows.configurations))), lever
 
 
-def compared_losses(measurements: Measurements, losses: tuple[Loss, ...]) -> tuple[Loss, ...]:
-    """Return those of some losses that a set supports: squares alone where it has many targets.
+def list_losses_to_compare(measurements: Measurements, losses: tuple[Loss, ...]) -> tuple[Loss, ...]:
+    """Return which of some losses a set supports: squares alone if the set has more than `MOST_TARGETS`.
 
     Raises:
-        UnsupportedMethodError: it does not support the only one.
+        UnsupportedMethodError: the set supports none of the losses.
     """
     targets = int(measurements.present.sum())
     if targets <= MOST_TARGETS:

@@ -14,8 +14,8 @@ import numpy as np
 
 from jointstiff.schemas.plan import DecisionGoal, Goal, JointsGoal
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.design.candidates import PlanRequest, Pool, known_rows
-from jointstiff.solver.design.optimum import AOptimality, Atoms, uncertainty_of
+from jointstiff.solver.design.candidates import PlanRequest, Pool, build_known_rows
+from jointstiff.solver.design.optimum import AOptimality, Atoms, compute_uncertainties
 from jointstiff.solver.design.plan import Distinct
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.measurements import Measurements
@@ -45,12 +45,12 @@ class Known:
 
     @classmethod
     def nothing(cls, n: int) -> Known:
-        """Return what is known of n joints before any reading."""
+        """Return the state of knowledge before any reading: no compliance of the n joints is known."""
         return cls(np.full(n, np.nan), np.zeros((n, n)), 2.0)
 
     @property
     def relative(self) -> FloatArray:
-        """Half-width (n,) of the intervals over the compliance; inf of joints without a number."""
+        """(n,) half-width of each compliance's interval over the compliance; inf where it is unknown."""
         half = self.factor * np.sqrt(np.diagonal(self.covariance))
         known = np.isfinite(self.compliance) & (np.nan_to_num(self.compliance) > 0.0)
         return np.where(known, half / np.where(known, self.compliance, 1.0), np.inf)
@@ -71,7 +71,7 @@ class Share:
 
     @property
     def greatest_share(self) -> float:
-        """The greatest of all; the goal is met at 1 and below."""
+        """Greatest uncertainty relative to that of the goal; the goal is met at 1 or below."""
         return float(self.each.max())
 
 
@@ -79,10 +79,10 @@ class Share:
 class Next:
     """The next reading."""
 
-    index: int  #: of the candidate
+    index: int  #: index of the candidate
     joints: FloatArray  #: (n,) controller's angles [rad]
     force: FloatArray  #: (3,) axes of R0 [N]
-    anchor: int | None  #: of the cable
+    anchor: int | None  #: index of the anchor of the cable; None without a cable
     missing: (
         int | None
     )  #: readings until the goal is met, this one among them; None for more than `MOST_MORE`
@@ -90,7 +90,7 @@ class Next:
 
 @dataclass(frozen=True, eq=False)
 class Ahead:
-    """Candidates of a campaign, made once."""
+    """Candidate readings of a live campaign, which are drawn once."""
 
     robot: Robot
     request: PlanRequest
@@ -101,12 +101,12 @@ class Ahead:
 
     @classmethod
     def of(cls, robot: Robot, request: PlanRequest, force: FloatArray | None = None) -> Ahead:
-        """Draw candidates, and places of the work area.
+        """Draw candidate readings, and compute the deflections at places of the work area.
 
         Args:
             robot: n joints.
             request: equipment and surroundings.
-            force: (3,) in the work area, axes of R0 [N]; None for that of the load.
+            force: (3,) process force in the work area, axes of R0 [N]; None for the force of the load.
 
         Raises:
             RequestError: as `Pool.of` does, or forces in the work area twist a joint that the loads do not.
@@ -130,18 +130,25 @@ class Ahead:
 
     @property
     def wanted(self) -> IndexArray:
-        """Joints (s,) that the loads twist."""
+        """(s,) indices of the joints that the loads twist."""
         return self.pool.parameters.joints
 
-    def reached(self, goal: Goal, known: Known) -> Share:
-        """Return how much of a goal is reached."""
+    def compare_with_goal(self, goal: Goal, known: Known) -> Share:
+        """Return the uncertainty that is known so far relative to that of a goal.
+
+        Args:
+            goal: for joints, for a deflection in the work area, or for a decision about a limit.
+            known: compliances by the readings so far.
+        """
         n = self.robot.n
         if isinstance(goal, JointsGoal):
             each = known.relative[self.wanted] / goal.relative
             # The joints that are farthest from the goal count most.
             urgent = np.square(np.clip(np.where(np.isfinite(each), each, np.inf), 0.1, 10.0))
             weights = np.zeros((n, n))
-            weights[self.wanted, self.wanted] = urgent / np.square(self._unit(known)[self.wanted])
+            weights[self.wanted, self.wanted] = urgent / np.square(
+                self._reference_compliances(known)[self.wanted]
+            )
             return Share(each, weights, goal.relative, joint=int(self.wanted[np.argmax(each)]))
         rows = self.places.reshape(-1, n)
         mean, hidden = rows.T @ rows / len(rows), ~np.isfinite(known.compliance)
@@ -162,7 +169,7 @@ class Ahead:
         each = np.array([uncertainty / allowed])
         return Share(each, np.outer(row, row), allowed, uncertainty=uncertainty, greatest=greatest)
 
-    def next(
+    def choose_next(
         self,
         goal: Goal,
         known: Known,
@@ -170,21 +177,28 @@ class Ahead:
         taken: FloatArray,
         at: FloatArray | None = None,
     ) -> Next | None:
-        """Return the reading that shortens the way to a goal most; None if no candidate is left.
+        """Choose the next reading: the candidate that reduces the uncertainty relative to the goal most.
 
         Args:
-            goal: of the campaign.
-            known: what the readings so far say.
+            goal: goal of the campaign.
+            known: compliances by the readings so far.
             readings: the readings so far.
             taken: (K, n) postures that are read or left out, controller's angles [rad].
-            at: (n,) present posture of the arm; None where it does not matter.
+            at: (n,) present posture of the arm; None where travel does not matter.
+
+        Returns:
+            The reading, with the number of readings until the goal is met; None if no candidate is left.
         """
-        parameters, candidates, share = self.pool.parameters, self.pool.candidates, self.reached(goal, known)
+        parameters, candidates, share = (
+            self.pool.parameters,
+            self.pool.candidates,
+            self.compare_with_goal(goal, known),
+        )
         basis = parameters.basis[: self.robot.n]
         criterion = AOptimality(basis.T @ share.weights @ basis)
         M = self.pool.base
         if readings is not None:
-            rows = known_rows(self.robot, self.request, readings) @ parameters.basis
+            rows = build_known_rows(self.robot, self.request, readings) @ parameters.basis
             M = M + rows.T @ rows / (readings.sigma or self.request.equipment.sigma) ** 2
         vague = np.diag(np.full(len(M), _BEFORE**-2.0))
         distinct = Distinct(self.pool.readings.joints, self.request.angle)
@@ -195,16 +209,16 @@ class Ahead:
             return None
         best = self._best_candidate(criterion, M + vague, free, at)
         first, missing = int(best.index[0]), None
-        # The readings say more or less than the design expects of them: so will those to come.
-        expected = self._expected_share(goal, known, share, M)
+        # The factor between uncertainties so far and the design's is taken to hold for further readings.
+        expected = self._predict_shares(goal, known, share, M)
         ratio = np.ones(len(expected))
         certain = np.isfinite(share.each) & np.isfinite(expected)
         ratio[certain] = np.clip(share.each[certain] / expected[certain], *_RATIO)
         force, anchor = self.pool.force(best.force, best.index)[0], int(self.pool.readings.anchor[first])
         for count in range(1, MOST_MORE + 1):
             M = M + best.information[0]
-            free &= ~distinct.near(int(best.index[0]))
-            if (ratio * self._expected_share(goal, known, share, M)).max() <= 1.0:
+            free &= ~distinct.find_conflicts(int(best.index[0]))
+            if (ratio * self._predict_shares(goal, known, share, M)).max() <= 1.0:
                 missing = count
                 break
             if not free.any():
@@ -213,25 +227,32 @@ class Ahead:
         joints = self.pool.readings.joints[first]
         return Next(first, joints, force, None if anchor < 0 else anchor, missing)
 
-    def _expected_share(self, goal: Goal, known: Known, share: Share, M: FloatArray) -> FloatArray:
-        """Return by how much the uncertainties exceed the goal as the design has it, for information M."""
+    def _predict_shares(self, goal: Goal, known: Known, share: Share, M: FloatArray) -> FloatArray:
+        """Predict the uncertainties relative to that of the goal, by the information M (p, p) of a design."""
         parameters = self.pool.parameters
         if isinstance(goal, JointsGoal):
-            half = known.factor * uncertainty_of(M, len(self.wanted)) * parameters.nominal[self.wanted]
-            return np.asarray(half / self._unit(known)[self.wanted] / goal.relative)
+            half = known.factor * compute_uncertainties(M, len(self.wanted)) * parameters.nominal[self.wanted]
+            return np.asarray(half / self._reference_compliances(known)[self.wanted] / goal.relative)
         basis = parameters.basis[: self.robot.n]
         information = AOptimality(basis.T @ share.weights @ basis).information(M)
         deviation = information**-0.5 if information > 0.0 else np.inf
         return np.array([known.factor * deviation / share.allowed])
 
-    def _unit(self, known: Known) -> FloatArray:
-        """Return the compliances (n,): as they are known, or by which all joints would move targets alike."""
+    def _reference_compliances(self, known: Known) -> FloatArray:
+        """Return the compliances (n,); where unknown, values by which all joints move the targets alike."""
         return np.where(np.isfinite(known.compliance), known.compliance, self.pool.parameters.nominal)
 
     def _best_candidate(
         self, criterion: AOptimality, M: FloatArray, free: BoolArray, at: FloatArray | None
     ) -> Atoms:
-        """Return the candidate after which the criterion is best; the nearest of those that are as good."""
+        """Return the free candidate after which the criterion is best; among nearly equal ones, the nearest.
+
+        Args:
+            criterion: variance to be reduced.
+            M: (p, p) information so far.
+            free: (N,) candidates that may be chosen.
+            at: (n,) present posture of the arm; None where travel does not matter.
+        """
         G = criterion.support(M)
         prices = np.where(free, self.pool.candidates.prices(G), -np.inf)
         index = np.argsort(-prices)[: min(_TRIED, int(free.sum()))]

@@ -87,7 +87,7 @@ class Expectation:
 
     @classmethod
     def of(cls, robot: Robot, others: Measurements, compliance: FloatArray) -> Expectation | None:
-        """Fit N readings; None where they say nothing about noise.
+        """Fit N readings to predict another one; None where nothing determines the noise.
 
         Args:
             robot: n joints.
@@ -101,7 +101,7 @@ class Expectation:
         errors = [(term, term.prior(common)) for term in TERMS.values()]
         errors = [(term, prior) for term, prior in errors if prior and max(prior) > 0.0]
         terms = (JOINTS, *(term for term, _ in errors))
-        stack = _stack(robot, others, terms, compliance)
+        stack = _build_stack(robot, others, terms, compliance)
         triangle, read = stack.triangle(), int(stack.read.sum())
         moved = float(np.square(triangle.rhs).sum())
         size = np.linalg.norm(triangle.matrix[:, triangle.span[JOINTS.name]], axis=0)
@@ -112,7 +112,8 @@ class Expectation:
         unit = np.concatenate(deviation)
         stated = None if others.sigma is None else others.sigma**2
         variance, freedom = stated or moved / len(stack.flat) or 1.0, np.inf
-        for _ in range(1 if stated is None and read <= robot.n else 3):  # the prior's weight depends on it
+        # The weight of the prior depends on the variance, which the fit determines.
+        for _ in range(1 if stated is None and read <= robot.n else 3):
             fit, used = triangle.given(unit, variance), variance
             left = read - int(np.isfinite(alike).sum())
             if left < 1:
@@ -123,64 +124,74 @@ class Expectation:
         if stated is None and not np.isfinite(freedom):
             return None
         root = np.sqrt(variance / used) * fit.root
-        places, spread = _places(robot, others)
+        places, spread = _compute_median_places(robot, others)
         noise = variance if stated is None else stated
         misfit = (variance - noise) / (moved / read)
         return cls(robot, terms, compliance, fit.unknowns, root, noise, misfit, freedom, places, spread)
 
-    def distance(
+    def measure_distance(
         self, reading: Measurements, *, free: Term | None = None, usual: float = 0.0
     ) -> tuple[float, float, int]:
-        """Return squared distance, probability of at least that, and number of coordinates of one reading.
+        """Measure how far one reading is from its prediction, relative to the uncertainty of the prediction.
 
         Args:
             reading: one observation.
-            free: term that is fitted to this reading alone.
-            usual: share of its deflection by which all targets may be off alike.
+            free: term that is fitted to this reading alone; None fits nothing.
+            usual: share of the deflection by which all targets may deviate alike.
+
+        Returns:
+            Squared distance in standard uncertainties, probability of at least that distance, and number of
+            coordinates compared.
 
         Raises:
-            SolverError: its load finds no balance.
+            SolverError: the load finds no balance.
         """
-        rows = _stack(self.robot, reading, self.terms, self.compliance).flat
+        rows = _build_stack(self.robot, reading, self.terms, self.compliance).flat
         count = int(reading.coordinates.sum())
         own, moved = rows[:, :-1] @ self.root, rows[:, :-1] @ self.best
         variance = self.noise + self.misfit * float(np.square(moved).sum()) / count
         covariance = variance * np.eye(len(own)) + own @ own.T
         if usual**2 > self.misfit:
-            shift = _stack(self.robot, reading, (SHIFT,), self.compliance).flat[:, :-1]
+            shift = _build_stack(self.robot, reading, (SHIFT,), self.compliance).flat[:, :-1]
             size = (usual**2 - self.misfit) * np.square(moved).sum() / np.square(shift).sum()
             covariance += size * shift @ shift.T
         factor = np.linalg.cholesky(covariance)
         e = np.linalg.solve(factor, rows[:, -1] - moved)
         if free is not None:
-            more = _stack(self.robot, reading, (free,), self.compliance).flat
+            more = _build_stack(self.robot, reading, (free,), self.compliance).flat
             C = np.linalg.solve(factor, more[:, :-1])
             e = e - C @ np.linalg.lstsq(C, e, rcond=None)[0]
             count -= C.shape[1]
         square = float(e @ e)
-        return square, self.probability(square, count), count
+        return square, self.exceedance_probability(square, count), count
 
-    def off(self, reading: Measurements) -> float:
+    def greatest_distance(self, reading: Measurements) -> float:
         """Return the greatest distance of a target of one reading from its prediction [m]."""
-        rows = _stack(self.robot, replace(reading, covariance=np.eye(3)), self.terms, self.compliance).flat
+        rows = _build_stack(
+            self.robot, replace(reading, covariance=np.eye(3)), self.terms, self.compliance
+        ).flat
         left = (rows[:, -1] - rows[:, :-1] @ self.best).reshape(-1, 3)
         return float(np.linalg.norm(left, axis=1).max())
 
-    def misplaced(self, reading: Measurements) -> tuple[float, float]:
-        """Return the squared distance of unloaded targets from where the model has them, and its p-value."""
+    def compare_unloaded_places(self, reading: Measurements) -> tuple[float, float]:
+        """Compare the unloaded targets of a reading with their usual places on the flange.
+
+        Returns:
+            Squared distance in standard deviations, and the probability of at least that distance.
+        """
         places = View(self.robot, reading).places[0]
         off = (places - self.places)[np.isfinite(places - self.places).all(axis=1)] / self.spread
         square = float(np.square(off).sum())
         return square, float(special.chdtrc(off.size, square)) if off.size else 1.0
 
-    def limit(self, probability: float, count: int) -> float:
-        """Return the squared distance that a reading of so many coordinates keeps with a probability."""
+    def distance_quantile(self, probability: float, count: int) -> float:
+        """Return the squared distance that a reading of so many coordinates keeps within by a probability."""
         if np.isinf(self.freedom):
             return float(special.chdtri(count, 1.0 - probability))
         return float(count * special.fdtri(count, self.freedom, probability))
 
-    def probability(self, square: float, count: int) -> float:
-        """Return the probability of a squared distance of so many coordinates, or a greater one."""
+    def exceedance_probability(self, square: float, count: int) -> float:
+        """Return the probability of a squared distance at least as great for so many coordinates."""
         if count < 1:
             return 0.0
         if np.isinf(self.freedom):
@@ -189,7 +200,7 @@ class Expectation:
 
 
 def innovation(robot: Robot, measurements: Measurements, compliance: FloatArray) -> Innovation:
-    """Compare the last reading with what the others let expect, and look for the mistake if it is doubtful.
+    """Compare the last reading with its prediction by the others, and look for the mistake if it is doubtful.
 
     Args:
         robot: n joints.
@@ -202,23 +213,23 @@ def innovation(robot: Robot, measurements: Measurements, compliance: FloatArray)
         expected = None if others is None else Expectation.of(robot, others, compliance)
         if others is None or expected is None:
             return _UNJUDGED
-        _, p_value, _ = expected.distance(reading)
-        squares, p_values = _departures(expected, reading, _USUAL)
+        _, p_value, _ = expected.measure_distance(reading)
+        squares, p_values = _measure_unusual_distances(expected, reading, _USUAL)
         far = p_values < DOUBTFUL
-        wrong_place = expected.misplaced(reading)[1] < _WRONG_PLACE
-        off, causes, doubtful = expected.off(reading), list[str](), bool(far.any())
+        wrong_place = expected.compare_unloaded_places(reading)[1] < _WRONG_PLACE
+        off, causes, doubtful = expected.greatest_distance(reading), list[str](), bool(far.any())
         if doubtful or wrong_place:
             slips, causes = _find_causes(expected, reading, others)
-            # What else bends is no mistake of one reading, and moves others as well.
+            # A model error is no mistake of one reading: the others are as far from their predictions.
             known = len(others) >= _FEWEST
             factor = np.ones(2)
             if not slips:
                 factor = np.array([_BEYOND, _FARTHER if expected.misfit == 0.0 else _BEYOND])
             least = np.array([0.0 if slips else np.inf, np.inf])
             if known:
-                least = factor * _own_distances(expected, others, _USUAL).max(axis=0)
+                least = factor * _cross_check_readings(expected, others, _USUAL).max(axis=0)
             doubtful = bool((far & (squares > least)).any())
-    except SolverError:  # other findings say so
+    except SolverError:  # other findings report a load without balance
         return _UNJUDGED
     if not doubtful and not wrong_place:
         return Innovation(p_value, off, message="as expected")
@@ -228,7 +239,11 @@ def innovation(robot: Robot, measurements: Measurements, compliance: FloatArray)
             f"those of '{others.labels[int(np.argmax(same))]}'" if same.any() else "not those of this posture"
         )
         causes = [f"the joint angles are {whose}"]
-    where = f"{length_text(off)} from where the others put it" if doubtful else "unloaded targets misplaced"
+    where = (
+        f"{length_text(off)} from where the other readings predict it"
+        if doubtful
+        else "unloaded targets misplaced"
+    )
     why = " or ".join(causes) + "?" if causes else "no single mistake explains it"
     return Innovation(
         p_value=p_value,
@@ -249,15 +264,24 @@ class HeldOut:
 
     @property
     def inside(self) -> bool:
-        """Return True if the reading lies in the ball."""
+        """Return whether the reading lies in the 90 % ball about its prediction."""
         return self.ball_ratio <= 1.0
 
 
 def held_out(robot: Robot, measurements: Measurements, compliance: FloatArray, row: int) -> HeldOut | None:
-    """Compare a reading with its 90 % ball; None where the others do not predict it.
+    """Compare a held-out reading with the 90 % ball about its prediction by the other readings.
 
-    The ball holds noise and what the others leave open; where they are `_FEWEST` or more, it is not smaller
-    than the quantile of their own distances from what the rest lets expect, which hold the model error.
+    The ball covers noise and the uncertainty of the prediction. With `_FEWEST` other readings or more it also
+    covers the model error, by the distances of these readings from predictions by the rest.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        compliance: (n,) by a fit to the others [rad/(N·m)].
+        row: index of the held-out reading.
+
+    Returns:
+        The comparison; None where the other readings cannot predict this one.
     """
     others = measurements[np.delete(np.arange(len(measurements)), row)]
     reading = measurements[np.array([row])]
@@ -265,48 +289,62 @@ def held_out(robot: Robot, measurements: Measurements, compliance: FloatArray, r
         expected = Expectation.of(robot, others, compliance)
         if expected is None:
             return None
-        square, _, count = expected.distance(reading)
-        limit = expected.limit(_BALL, count)
+        square, _, count = expected.measure_distance(reading)
+        limit = expected.distance_quantile(_BALL, count)
         if len(others) >= _FEWEST:
-            own = np.sort(_own_distances(expected, others, 0.0)[:, 0])
+            own = np.sort(_cross_check_readings(expected, others, 0.0)[:, 0])
             limit = max(limit, float(own[min(len(own) - 1, int(np.ceil(_BALL * (len(own) + 1))) - 1)]))
-        off = expected.off(reading)
+        off = expected.greatest_distance(reading)
     except SolverError:
         return None
     return HeldOut(measurements.labels[row], float(np.sqrt(square / limit)), off)
 
 
-def _departures(expected: Expectation, reading: Measurements, usual: float) -> tuple[FloatArray, FloatArray]:
-    """Return squared distances (2,) beyond what is usual, in any way and as by another force; p-values."""
-    square, p_value, _ = expected.distance(reading, usual=usual)
-    fitted, _, _ = expected.distance(reading, usual=usual, free=FORCE_SCALE)
+def _measure_unusual_distances(
+    expected: Expectation, reading: Measurements, usual: float
+) -> tuple[FloatArray, FloatArray]:
+    """Measure a reading's distance from its prediction beyond a usual share of the deflection.
+
+    Returns:
+        (2,) squared distances in any way, and as far as another force explains them; (2,) their p-values.
+    """
+    square, p_value, _ = expected.measure_distance(reading, usual=usual)
+    fitted, _, _ = expected.measure_distance(reading, usual=usual, free=FORCE_SCALE)
     gain = square - fitted
-    return np.array([square, gain]), np.array([p_value, expected.probability(gain, 1)])
+    return np.array([square, gain]), np.array([p_value, expected.exceedance_probability(gain, 1)])
 
 
-def _own_distances(expected: Expectation, others: Measurements, usual: float) -> FloatArray:
-    """Return the departures (K, 2) of each reading from what the rest of them lets expect, in one unit."""
+def _cross_check_readings(expected: Expectation, others: Measurements, usual: float) -> FloatArray:
+    """Predict each of K readings by the rest, and return the squared distances (K, 2).
+
+    The columns are those of `_measure_unusual_distances`. All use the noise of `expected`.
+    """
     squares = []
     for k in range(len(others)):
         part = others[np.delete(np.arange(len(others)), k)]
         rest = Expectation.of(expected.robot, part, expected.compliance)
         if rest is not None:
             rest = replace(rest, noise=expected.noise, misfit=expected.misfit)
-            squares.append(_departures(rest, others[np.array([k])], usual)[0])
+            squares.append(_measure_unusual_distances(rest, others[np.array([k])], usual)[0])
     return np.array(squares) if squares else np.zeros((1, 2))
 
 
 def _find_causes(
     expected: Expectation, reading: Measurements, others: Measurements
 ) -> tuple[bool, list[str]]:
-    """Return whether a plain slip explains a reading, and what does in words, the likeliest first."""
-    scores: list[tuple[bool, float, str]] = []  # a fitted size explains what a plain slip does: it comes last
-    for words, changed, free, unknowns in _mistakes(expected.robot, reading, others):
+    """Search for the mistakes that explain a doubtful reading.
+
+    Returns:
+        Whether a plain slip, with no fitted size, is the best explanation; and the explanations in words, the
+        likeliest first.
+    """
+    scores: list[tuple[bool, float, str]] = []  # fitted, cost, words; plain slips first
+    for words, changed, free, unknowns in _propose_mistakes(expected.robot, reading, others):
         try:
-            square, p_value, _ = expected.distance(changed, free=free)
+            square, p_value, _ = expected.measure_distance(changed, free=free)
         except SolverError:
             continue
-        off, p_place = expected.misplaced(changed)
+        off, p_place = expected.compare_unloaded_places(changed)
         if p_value > _PLAUSIBLE and p_place > _WRONG_PLACE:
             price = unknowns * np.log(reading.coordinates.sum())
             scores.append((free is not None, square + off + price, words))
@@ -319,16 +357,21 @@ def _find_causes(
     return bool(scores) and not scores[0][0], list(dict.fromkeys(named))[:_MOST_NAMED]
 
 
-def _mistakes(
+def _propose_mistakes(
     robot: Robot, reading: Measurements, others: Measurements
 ) -> Iterator[tuple[str, Measurements, Term | None, int]]:
-    """Yield mistakes: in words, the reading without it, what is fitted to it, and number of unknowns."""
+    """Yield possible mistakes of a reading.
+
+    Yields:
+        The mistake in words, the reading as it would be without the mistake, the term to fit (None for a
+        plain slip), and the number of unknowns.
+    """
     yield "the force has the opposite sign", replace(reading, force=-reading.force), None, 0
     if not reading.in_flange.any():
         after = reading.position + reading.deflection
         swapped = replace(reading, position=after, deflection=-reading.deflection)
         yield "unloaded and loaded readings are exchanged", swapped, None, 0
-    for words, exchanged in _exchanges(reading):
+    for words, exchanged in _propose_target_exchanges(reading):
         yield words, exchanged, None, 0
     for label, joints in zip(others.labels, others.joints, strict=True):
         if not np.allclose(joints, reading.joints[0]):
@@ -337,12 +380,12 @@ def _mistakes(
         turned = reading.joints.copy()
         turned[0, j] *= -1.0
         yield f"the angle of {name} has the opposite sign", replace(reading, joints=turned), None, 0
-    yield "the force is another than stated", reading, FORCE_SCALE, 1
+    yield "the force differs from the stated one", reading, FORCE_SCALE, 1
     yield "the arm or the tracker moved between the two readings", reading, SHIFT, 3
 
 
-def _exchanges(reading: Measurements) -> Iterator[tuple[str, Measurements]]:
-    """Yield exchanges of two targets, in words, and the reading without it."""
+def _propose_target_exchanges(reading: Measurements) -> Iterator[tuple[str, Measurements]]:
+    """Yield each exchange of two targets in words, and the reading with the exchange undone."""
     before, after = reading.position, reading.position + reading.deflection
     for a, b in combinations(np.flatnonzero(reading.present[0]).tolist(), 2):
         order = np.arange(len(reading.targets))
@@ -359,14 +402,15 @@ def _exchanges(reading: Measurements) -> Iterator[tuple[str, Measurements]]:
             yield words + state, replace(reading, position=start, deflection=end - start)
 
 
-def _stack(
+def _build_stack(
     robot: Robot, measurements: Measurements, terms: tuple[Term, ...], compliance: FloatArray
 ) -> Stack:
+    """Return the whitened rows of readings by the columns of terms, linearised at compliances (n,)."""
     return Stack.of(regressor_blocks(robot, measurements, compliance), terms, compliance)
 
 
-def _places(robot: Robot, others: Measurements) -> tuple[FloatArray, float]:
-    """Return the median places (T, 3) of targets in the flange frame, and their spread [m]."""
+def _compute_median_places(robot: Robot, others: Measurements) -> tuple[FloatArray, float]:
+    """Return the median places (T, 3) of targets in the flange frame, and their standard deviation [m]."""
     places = View(robot, others).places
     if len(others) < _FEWEST or np.isnan(places).all():
         return np.full(places.shape[1:], np.nan), _PLACE

@@ -19,15 +19,15 @@ Standing = Literal["waits", "counts", "deviates"]
 def standings(
     names: Sequence[str], known: Known, priors: Mapping[str, StiffnessPrior]
 ) -> dict[str, Standing]:
-    """Return what becomes of each joint's prior, by the arm's own readings.
+    """Return for each joint with a prior whether the prior counts, waits for more readings, or deviates.
 
-    A prior counts once the own readings know the joint as well as it does, and agree with it (95 %). So an
-    arm that deviates by more than that is found before it is pulled to the prior.
+    A prior counts once the readings alone determine the joint at least as well, and agree with the prior
+    (95 %). So an arm that deviates from its prior is noticed before the prior influences the result.
 
     Args:
-        names: of the n joints.
-        known: n compliances by the own readings alone.
-        priors: by joint.
+        names: names of the n joints.
+        known: n compliances by the readings alone.
+        priors: prior stiffnesses by name of the joint.
     """
     found: dict[str, Standing] = {}
     for j, name in enumerate(names):
@@ -35,11 +35,11 @@ def standings(
             continue
         prior, c = priors[name], float(known.compliance[j])
         expected, u = 1.0 / prior.stiffness, float(np.sqrt(known.covariance[j, j]))
-        of_prior = prior.standard_uncertainty / prior.stiffness**2
+        u_prior = prior.standard_uncertainty / prior.stiffness**2
         if not np.isfinite(c):
             found[name] = "waits"
-        elif abs(c - expected) > _NORMAL * np.hypot(u, of_prior):
+        elif abs(c - expected) > _NORMAL * np.hypot(u, u_prior):
             found[name] = "deviates"
         else:
-            found[name] = "counts" if u <= of_prior else "waits"
+            found[name] = "counts" if u <= u_prior else "waits"
     return found

@@ -48,7 +48,7 @@ and loads explain too little."""
 
 @dataclass(frozen=True, eq=False)
 class Taken:
-    """Readings of a campaign, and what became of them."""
+    """Readings of a live campaign, with what was found about each of them."""
 
     measurements: Measurements | None = None  #: readings that count; None before the first
     noticed: tuple[Finding, ...] = ()  #: findings of the integrity checks of these
@@ -68,19 +68,23 @@ class Progress:
     ahead: Ahead  #: candidates of the readings to come, and the robot
     goal: Goal  #: declared before the first reading
     taken: Taken  #: readings so far
-    priors: Mapping[str, StiffnessPrior]  #: of joints, as declared
-    weight: OwnWeight | None = None  #: by which the arm is identified without a load
+    priors: Mapping[str, StiffnessPrior]  #: prior stiffnesses by name of the joint
+    weight: OwnWeight | None = None  #: options to identify by own weight; None with loads
 
     @property
     def count(self) -> int:
-        """Return the number of readings that count."""
+        """Number of readings that count."""
         return 0 if self.taken.measurements is None else len(self.taken.measurements)
 
     def judge(self, readings: Measurements) -> tuple[Innovation | None, HeldOut | None]:
-        """Compare a new reading with those so far, and with its ball where one is held out.
+        """Compare a new reading with the readings so far.
 
         Args:
-            readings: those so far, and the new one last.
+            readings: readings so far, and the new one last.
+
+        Returns:
+            The comparison with what the others predict, None where they cannot predict it; and, if the new
+            reading is held out, its place in the 90 % ball about the prediction, else None.
         """
         compliance, robot = self._compliance, self.ahead.robot
         if self.weight is not None or readings.direction is not None or compliance is None:
@@ -92,7 +96,7 @@ class Progress:
 
     @cached_property
     def _compliance(self) -> FloatArray | None:
-        """Compliances by the readings that count; None if they cannot be identified."""
+        """(n,) compliances by the readings that count [rad/(N·m)]; None if they cannot be identified."""
         robot, measurements = self.ahead.robot, self.taken.measurements
         if measurements is None:
             return None
@@ -104,15 +108,22 @@ class Progress:
 
     @cached_property
     def result(self) -> RunResult | JointstiffError | None:
-        """The ordinary result of the readings so far, or why there is none; None before the first reading."""
+        """Result of the readings so far, with priors that count; the error where identification fails.
+
+        None before the first reading.
+        """
         counting = self.counting_priors
-        return self._result(counting) if counting else self._own_result
+        return self._identify_with_priors(counting) if counting else self._result_without_priors
 
     @cached_property
-    def _own_result(self) -> RunResult | JointstiffError | None:
-        return self._result({})
+    def _result_without_priors(self) -> RunResult | JointstiffError | None:
+        """Result of the readings so far without any prior, or the error; None before the first reading."""
+        return self._identify_with_priors({})
 
-    def _result(self, priors: Mapping[str, StiffnessPrior]) -> RunResult | JointstiffError | None:
+    def _identify_with_priors(
+        self, priors: Mapping[str, StiffnessPrior]
+    ) -> RunResult | JointstiffError | None:
+        """Identify the joints from the readings so far, with priors; return the error if this fails."""
         if self.taken.measurements is None:
             return None
         try:
@@ -125,24 +136,31 @@ class Progress:
 
     @cached_property
     def standings(self) -> dict[str, Standing]:
-        """Standing of the prior of each joint that has one."""
+        """State of the prior of each joint (counts, waits or deviates), by the name of the joint."""
         if not self.priors or self.weight is not None:
             return {}
-        own = self._known_by(self._own_result, assumed=True)
+        own = self._extract_known_compliances(self._result_without_priors, assumed=True)
         return standings(self.ahead.robot.joint_names, own, self.priors)
 
     @property
     def counting_priors(self) -> dict[str, StiffnessPrior]:
-        """Return the priors that count."""
+        """Priors that count, by the name of the joint."""
         return {name: self.priors[name] for name, each in self.standings.items() if each == "counts"}
 
     @cached_property
     def known(self) -> Known:
-        """Compliances by the readings so far, with the stated errors."""
-        return self._known_by(self.result, assumed=False)
+        """Compliances by the readings so far, whose covariance holds stated errors but no assumed ones."""
+        return self._extract_known_compliances(self.result, assumed=False)
 
-    def _known_by(self, result: RunResult | JointstiffError | None, *, assumed: bool) -> Known:
-        """Return what is known by a result, with or without errors that were only assumed."""
+    def _extract_known_compliances(
+        self, result: RunResult | JointstiffError | None, *, assumed: bool
+    ) -> Known:
+        """Return the compliances of a result with their covariance.
+
+        Args:
+            result: result of a run; an error or None gives a state in which nothing is known.
+            assumed: whether the covariance includes errors that were assumed, not stated.
+        """
         robot = self.ahead.robot
         if not isinstance(result, RunResult):
             return Known.nothing(robot.n)
@@ -151,7 +169,7 @@ class Progress:
             left_out = set() if _may_lack_model(result.goodness) else {"model_error"}
             if not assumed:
                 left_out |= {part.source for part in result.budget.components if "assumed" in part.source}
-            covariance, factor = _covariance_of(result.budget, robot.joint_names, left_out)
+            covariance, factor = _combine_covariances(result.budget, robot.joint_names, left_out)
         else:
             u = np.array([joint.standard_uncertainty or np.nan for joint in result.joints], dtype=np.float64)
             covariance, factor = np.diag(np.square(np.nan_to_num(u))), student_quantile(0.975, None)
@@ -161,7 +179,7 @@ class Progress:
     @cached_property
     def share(self) -> Share:
         """Uncertainty so far compared with that of the goal."""
-        return self.ahead.reached(self.goal, self.known)
+        return self.ahead.compare_with_goal(self.goal, self.known)
 
     @property
     def doubtful(self) -> list[str]:
@@ -170,7 +188,7 @@ class Progress:
         return [label for label in self.taken.judged if label not in settled and self.found(label).doubtful]
 
     def found(self, label: str) -> Innovation:
-        """Return what a reading was when it came, or the mistake that all of them show in it by now."""
+        """Return how a reading compared with the others when it came, or the mistake since seen in it."""
         found, mistake = self.taken.judged[label], self.mistake
         if mistake is None or mistake.observation != label or found.doubtful:
             return found
@@ -178,10 +196,10 @@ class Progress:
 
     @cached_property
     def mistake(self) -> Finding | None:
-        """The finding for which an observation is not to be used; None without one.
+        """Finding that says not to use an observation; None if no observation is mistaken.
 
-        Of two readings that disagree nobody knows which one is wrong. Other findings, such as links that
-        bend, are no mistake of a reading: the model error counts them.
+        At least `_FEWEST_THAT_TELL` readings are needed: of two that disagree, either may be wrong. Findings
+        about the whole set, such as links that bend, are part of the model error instead.
         """
         if self.count < _FEWEST_THAT_TELL or not isinstance(self.result, RunResult):
             return None
@@ -191,7 +209,7 @@ class Progress:
             for each in self.result.assessment.reasons
             if each.weight == "do_not_use" and each.observation
         ]
-        if kept:  # a reason represents all findings of its kind
+        if kept:  # a reason represents all findings of its kind, so the kind is searched for others
             kinds = {each.code for each in wrong}
             found = [each for each in self.taken.noticed if each.weight == "do_not_use"]
             wrong = [each for each in found if each.observation and each.code in kinds] + wrong
@@ -207,11 +225,11 @@ class Progress:
     @property
     def met(self) -> bool:
         """True if the goal is met by enough readings that can be used, none of them in doubt."""
-        return self._is_small and self.mistake is None
+        return self._uncertainty_suffices and self.mistake is None
 
     @property
-    def _is_small(self) -> bool:
-        """True if the uncertainty is that of the goal by enough readings, none of them in doubt."""
+    def _uncertainty_suffices(self) -> bool:
+        """True if the uncertainty is at most that of the goal by enough readings, none of them in doubt."""
         return self.count >= self.fewest and not self.doubtful and self.share.greatest_share <= 1.0
 
     @property
@@ -224,9 +242,9 @@ class Progress:
         """True if the next reading is held out: the goal is met, or is expected to be met with it."""
         if self.count < self.fewest or self.doubtful:
             return False
-        if self._is_small:
+        if self._uncertainty_suffices:
             return self.met and not self.is_checked
-        # Where the model errs, the goal is met before: its interval is less certain.
+        # With a model error the forecast is less certain: the goal has to be met first.
         return self.fewest == FEWEST and self.next is not None and self.next.missing == 1
 
     @cached_property
@@ -236,14 +254,14 @@ class Progress:
         taken = np.array(self.taken.skipped, dtype=np.float64).reshape(-1, self.ahead.robot.n)
         if m is not None:
             taken = np.concatenate([taken, m.joints])
-        return self.ahead.next(self.goal, self.known, m, taken, None if m is None else m.joints[-1])
+        return self.ahead.choose_next(self.goal, self.known, m, taken, None if m is None else m.joints[-1])
 
     @property
     def still_needed(self) -> int | None:
         """Number of readings that are missing, the held-out one among them; None if unknown."""
         if self.met:
             return 0 if self.is_checked else 1
-        if self.mistake is not None:  # it has to be mended
+        if self.mistake is not None:  # the mistake has to be mended first
             return None
         missing = self.next.missing if self.next is not None and self.count else None
         if missing is None:
@@ -253,66 +271,71 @@ class Progress:
 
     @property
     def reason_of_next(self) -> str:
-        """Return in words why the next reading is taken."""
+        """Reason in words why the next reading is taken."""
         joint = self.share.joint
         if self.awaits_held_out:
-            return "it is held out, and checks what the others say"
+            return "it is held out, to check the prediction by the other readings"
         if joint is not None:
-            return f"it tells most of {self.ahead.robot.joint_names[joint]}, which is farthest from the goal"
+            name = self.ahead.robot.joint_names[joint]
+            return f"it helps {name} most, the joint that is farthest from the goal"
         if isinstance(self.goal, JointsGoal):
-            return "it tells most of the joints"
-        return "it tells most of the deflection in the work area"
+            return "it reduces the uncertainty of the joints most"
+        return "it reduces the uncertainty of the deflection in the work area most"
 
     def state(self) -> tuple[Literal["measuring", "reached", "cannot"], str]:
-        """Return the state of the campaign, and where it is in words."""
+        """Return the state of the campaign, and a sentence that explains it."""
         read = "1 reading" if self.count == 1 else f"{self.count} readings"
         if self.doubtful:
             label = self.doubtful[-1]
             return "measuring", f"{label} is doubtful: {self.found(label).message or ''}"
         if self.met:
-            return self._state_of_check(read)
+            return self._describe_check_state(read)
         if self.mistake is not None:
-            return self._state_with_mistake(self.mistake)
+            return self._describe_mistake_state(self.mistake)
         missing = self.still_needed
         if self.count >= ENOUGH_TO_SAY and missing is None:
-            return "cannot", f"the goal will not be met: {self._obstacle_words()}"
+            return "cannot", f"the goal will not be met: {self._describe_obstacle()}"
         if isinstance(self.result, JointstiffError):
             does = "does" if self.count == 1 else "do"
-            return "measuring", f"{read} {does} not tell yet: {self.result.reason}"
+            return "measuring", f"{read} {does} not give a result yet: {self.result.reason}"
         left = "" if missing is None else f"; about {missing} more"
         if 0 < self.count < self.fewest and self.share.greatest_share <= 1.0:
-            left = f": the goal takes {self.fewest} and a held-out one to be sure of{left}"
+            left = f": the goal needs {self.fewest} readings and then a held-out one{left}"
         return "measuring", f"{read}{left}"
 
-    def _state_with_mistake(self, wrong: Finding) -> tuple[Literal["measuring", "cannot"], str]:
-        """Return the state of a campaign in which a mistake is kept."""
+    def _describe_mistake_state(self, wrong: Finding) -> tuple[Literal["measuring", "cannot"], str]:
+        """Return state and sentence of a campaign with a mistaken reading that was not withdrawn."""
         words = f"{wrong.observation}: {wrong.message}; {wrong.remedy}"
         if self.count >= ENOUGH_TO_SAY:
             return "cannot", f"the goal will not be met by these readings: {words}"
         return "measuring", f"do not use these readings yet: {words}"
 
-    def _state_of_check(self, read: str) -> tuple[Literal["measuring", "reached"], str]:
-        """Return the state of a campaign whose goal is met: a held-out reading decides."""
+    def _describe_check_state(self, read: str) -> tuple[Literal["measuring", "reached"], str]:
+        """Return state and sentence of a campaign whose goal is met, with or without a successful check.
+
+        Args:
+            read: number of readings in words.
+        """
         if self.is_checked:
             near = "the held-out one is as near to its prediction as 90 % of good readings"
-            return "reached", f"reached after {read}{self._assumed_words()}; {near}"
+            return "reached", f"reached after {read}{self._describe_assumed_errors()}; {near}"
         far, check = "is further from its prediction than 90 % of good readings", self.taken.check
         failed = "" if check is None else f"held-out {check.label} {far}; "
         return "measuring", f"{failed}the goal is met; one held-out reading checks it"
 
-    def _assumed_words(self) -> str:
-        """Return what the goal's joints are known to with assumed errors, if that is beyond the goal."""
+    def _describe_assumed_errors(self) -> str:
+        """Return in words the uncertainty with assumed errors, if they put it beyond the goal; else ''."""
         if not isinstance(self.goal, JointsGoal):
             return ""
-        whole = self._known_by(self.result, assumed=True)
+        whole = self._extract_known_compliances(self.result, assumed=True)
         half = whole.factor * np.sqrt(np.diagonal(whole.covariance)) / whole.compliance
         greatest = float(np.max(half, initial=0.0, where=self.known.relative <= self.goal.relative))
         if not greatest > self.goal.relative:
             return ""
         return f", without the assumed errors of load point and force (with them ± {100 * greatest:.0f} %)"
 
-    def _obstacle_words(self) -> str:
-        """Return what keeps the goal from being met, by joint or by place."""
+    def _describe_obstacle(self) -> str:
+        """Return in words which joint, or which deflection, keeps the goal from being met."""
         share, result, names = self.share, self.result, self.ahead.robot.joint_names
         if share.joint is None:
             reached = "unknown" if share.uncertainty is None else length_text(share.uncertainty)
@@ -323,8 +346,12 @@ class Progress:
         return f"{names[share.joint]}{carries} will not be known well enough"
 
     def joints(self) -> list[LiveJoint]:
-        """Return what is known of each joint: without errors that are only assumed, and with them."""
-        whole, robot, joints = self._known_by(self.result, assumed=True), self.ahead.robot, []
+        """Return stiffness, interval and uncertainty of each joint, without and with assumed errors."""
+        whole, robot, joints = (
+            self._extract_known_compliances(self.result, assumed=True),
+            self.ahead.robot,
+            [],
+        )
         half = whole.factor * np.sqrt(np.diagonal(whole.covariance))
         for j, (name, kind) in enumerate(zip(robot.joint_names, robot.joint_kinds, strict=True)):
             c, h, prior = float(self.known.compliance[j]), float(half[j]), self.standings.get(name)
@@ -348,24 +375,25 @@ class Progress:
 
 
 def _may_lack_model(goodness: Goodness) -> bool:
-    """Return whether residuals may be more than noise: the dispersion over postures is model error then."""
+    """Return whether residuals may be more than noise, so that a model error has to be counted."""
     if goodness.sigma_source == "residuals":
         return True
     return float(special.chdtrc(goodness.degrees_of_freedom, goodness.chi_square)) < _SHOWS
 
 
-def _covariance_of(
+def _combine_covariances(
     budget: Budget, names: Sequence[str], left_out: Collection[str]
 ) -> tuple[FloatArray, float]:
-    """Return covariance (n, n) of the compliances with the model error, and coverage factor of 95 %.
-
-    The factor is Student's at the effective degrees of freedom (Welch and Satterthwaite, GUM G.4) of the
-    joint whose are least.
+    """Combine the components of an uncertainty budget, the model error included.
 
     Args:
-        budget: of a run.
-        names: of the n joints.
+        budget: uncertainty budget of a run.
+        names: names of the n joints.
         left_out: sources of uncertainty that do not count.
+
+    Returns:
+        The covariance (n, n) of the compliances [(rad/(N·m))²]; and the coverage factor of 95 %, by Student's
+        distribution with the least effective degrees of freedom of a joint (Welch-Satterthwaite, GUM G.4).
     """
     shown = [names.index(name) for name in budget.joints]
     total, by_freedom = np.zeros((len(shown), len(shown))), np.zeros(len(shown))

@@ -20,26 +20,29 @@ from jointstiff.solver.mechanics.postures import Postures
 
 @dataclass(frozen=True, eq=False)
 class DisplacedAxis:
-    """Derivatives of B postures by k displacements of one axis."""
+    """Derivative of the kinematics of B postures by k small displacements of one joint's axis."""
 
-    linear: FloatArray  #: (B, 3, n, k) of the first three rows of the spatial Jacobian
-    angular: FloatArray  #: (B, 3, n, k) of its last three rows
+    linear: FloatArray  #: (B, 3, n, k) derivative of the first three rows of the spatial Jacobian
+    angular: FloatArray  #: (B, 3, n, k) derivative of the last three rows of the spatial Jacobian
     flange: FloatArray  #: (B, 6, k) spatial motion of the flange
 
     @classmethod
-    def of(cls, postures: Postures, joint: int, across: FloatArray, turned: FloatArray) -> DisplacedAxis:
-        """Move the axis of a joint, while the joints turn.
+    def differentiate(
+        cls, postures: Postures, joint: int, across: FloatArray, turned: FloatArray
+    ) -> DisplacedAxis:
+        """Differentiate the kinematics by small displacements of a joint's axis, while the joints turn.
 
         Args:
-            postures: B of n joints.
+            postures: B postures of n joints.
             joint: index of the joint.
-            across: (6, k) motions of its axis along, then about the axes of its frame.
-            turned: (B, n, k) motion of the joints with them [rad or m].
+            across: (6, k) displacements of the axis: translations along, then rotations about the axes of
+                the joint's frame.
+            turned: (B, n, k) turn of the joints that goes with each displacement [rad or m].
         """
         S = postures.jacobian
         by_joints = S[..., None] * turned[:, None]  # (B, 6, n, k)
         carried = np.cumsum(by_joints, axis=2)
-        moved = carried - by_joints  # of axis k by the joints before it
+        moved = carried - by_joints  # motion of each axis by the joints before it
         behind = postures.axis_motions[:, joint] @ across
         moved[:, :, joint] += postures.placement_motions[:, joint] @ across
         moved[:, :, joint + 1 :] += behind[:, :, None]
@@ -51,16 +54,19 @@ class DisplacedAxis:
         )
 
     def at(self, points: FloatArray) -> FloatArray:
-        """Return the motion (B, T, 3, k) of points (B, T, 3) of the flange [m]."""
+        """Return the derivative (B, T, 3, k) [m] of places (B, T, 3) of points that move with the flange."""
         v, w = self.flange[:, None, :3], self.flange[:, None, 3:]
         return np.asarray(v + np.cross(w, points[..., None], axis=2))
 
 
 def displaced_torque(block: RegressorBlock, at: Postures, joint: int, across: FloatArray) -> FloatArray:
-    """Return the derivative (B, n, k) of the torques of the load by motions of an axis; the joints stay."""
+    """Return the derivative (B, n, k) of the load's torques by displacements of an axis, the joints at rest.
+
+    `across` (6, k) holds the displacements, as in `displaced_deflection`; `at` is the posture of the joints.
+    """
     part, still = block.measurements, np.zeros((*at.q.shape, across.shape[1]))
     place = at.to_base(part.load_point[:, None])
-    moved = DisplacedAxis.of(at, joint, across, still)
+    moved = DisplacedAxis.differentiate(at, joint, across, still)
     force, moment = part.force, part.moment + np.cross(place[:, 0], part.force)
     by_lever = np.cross(moved.at(place)[:, 0], force[..., None], axis=1)  # (B, 3, k)
     torque = np.einsum("binm,bi->bnm", moved.linear, force) + np.einsum("binm,bi->bnm", moved.angular, moment)
@@ -70,26 +76,27 @@ def displaced_torque(block: RegressorBlock, at: Postures, joint: int, across: Fl
 def displaced_deflection(
     block: RegressorBlock, compliance: FloatArray, joint: int, across: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return how small motions of one axis change the deflections by a compliance (n,) of the joints.
+    """Return how small displacements of one axis change the predicted deflections and torques.
 
-    With K_c the balance follows: ``dτ = (I − K_c diag(c))⁻¹ ∂τ`` in the loaded posture, and the half-way
-    posture turns by ``c ∘ dτ / 2``. Targets stay where they were read, or on the flange where their place on
-    the flange is given.
+    With the complementary stiffness K_c, torques change by ``dτ = (I − K_c diag(c))⁻¹ ∂τ`` in the loaded
+    posture, and the half-way posture turns by ``c ∘ dτ / 2``. Targets keep the place where they were read,
+    or their place on the flange if that was given.
 
     Args:
         block: B observations of T targets.
         compliance: (n,) of the joints [rad/(N·m)].
         joint: index of the joint.
-        across: (6, k) motions of its axis along, then about the axes of its frame.
+        across: (6, k) displacements of the axis: translations along, then rotations about the joint's frame.
 
     Returns:
-        (B, T, 3, k) of the targets [m per unit], and (B, n, k) of the torques [N·m per unit].
+        Derivatives by the k displacements: (B, T, 3, k) of the targets' deflections [m per unit], and
+        (B, n, k) of the torques [N·m per unit].
     """
     part, postures, own = block.measurements, block.postures, block.compliance
     on_flange = part.in_flange[..., None, None]
     if own is None:
         torque = displaced_torque(block, postures, joint, across)
-        moved = DisplacedAxis.of(postures, joint, across, 0.0 * torque)
+        moved = DisplacedAxis.differentiate(postures, joint, across, 0.0 * torque)
         points = np.where(on_flange, moved.at(block.points), 0.0)
     else:
         unloaded = unloaded_postures(block.robot, part)
@@ -98,8 +105,8 @@ def displaced_deflection(
         stiffness = wrench_stiffness(loaded.angular_jacobian, load_jacobian, part.force, part.moment)
         stays = displaced_torque(block, loaded, joint, across)
         torque = np.asarray(np.linalg.solve(np.eye(len(own)) - stiffness * own, stays))
-        moved = DisplacedAxis.of(postures, joint, across, 0.5 * own[:, None] * torque)
-        read = DisplacedAxis.of(unloaded, joint, across, 0.0 * torque).at(part.position)
+        moved = DisplacedAxis.differentiate(postures, joint, across, 0.5 * own[:, None] * torque)
+        read = DisplacedAxis.differentiate(unloaded, joint, across, 0.0 * torque).at(part.position)
         turn = postures.flange_rotation @ unloaded.flange_rotation.mT
         points = moved.at(block.points) - np.where(on_flange, 0.0, turn[:, None] @ read)
     turns = compliance * block.torque  # (B, n)

@@ -22,37 +22,38 @@ from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements, whitened
 from jointstiff.solver.mechanics.postures import Postures, skew
-from jointstiff.solver.mechanics.robot import Robot, in_configuration_space, with_weights
+from jointstiff.solver.mechanics.robot import Robot, copy_with_weights, in_configuration_space
 
 _STEPS: Final = 20
-"""Newton's; three suffice for the loads of machining."""
+"""Most Newton steps; three suffice for the loads of machining."""
 _LAST_STEP: Final = 1e-8
-"""Step [rad] that is taken to first order: it leaves half of its square, 1e-16 m at an arm's reach."""
+"""Step [rad] after which Newton's method ends: the error left is half its square, 1e-16 m at arm's reach."""
 _LARGEST_DEFLECTION: Final = 1.0
-"""A balance further away [rad] may be on another branch."""
+"""Deflection of a joint [rad] beyond which a balance may be another than the one near the posture."""
 _SMALL: Final = 0.1
-"""Share of the stiffness taken away by a load, up to which a series is quicker than elimination."""
+"""Share of the stiffness that a load takes away, up to which a series is quicker than elimination."""
 _ROUNDING: Final = 1e-17
 
 
 STANDARD_GRAVITY: FloatArray = np.array([0.0, 0.0, -9.80665])
-"""In R0, z upwards [m/s²]."""
+"""Gravity in R0 with z upwards [m/s²]."""
 
 
 @dataclass(frozen=True, eq=False)
 class OwnWeight:
-    """Masses of the n links, each carried by a joint; a tool and its payload belong to the last.
+    """Masses and centres of mass of the n links; a tool and its payload belong to the last link.
 
     Raises:
         RequestError: a mass is negative, or a number is not finite.
     """
 
     absolute: ClassVar[bool] = False
-    """Whether deflections are from the arm that does not bend; else from where the weight alone takes it."""
+    """Whether deflections count from the rigid arm; else from the arm that sags under its weight alone."""
 
-    #: (n,) [kg], zero for a link whose weight is left out; or (n, n), row j as the torque of joint j has them
+    #: (n,) masses [kg], zero for a link whose weight is left out; or (n, n), with the masses that count for
+    #: the torque of joint j in row j
     mass: FloatArray
-    #: (n, 3) centres of mass in the frames that move with the joints [m]; or (n, n, 3) likewise
+    #: (n, 3) centres of mass in the frames that move with the joints [m]; or (n, n, 3), by joint as `mass`
     centre: FloatArray
     gravity: FloatArray = field(default_factory=lambda: STANDARD_GRAVITY)  #: (3,) in R0 [m/s²]
 
@@ -68,10 +69,10 @@ class OwnWeight:
     def torque_and_stiffness(self, robot: Robot, postures: Postures) -> tuple[FloatArray, FloatArray]:
         """Return the torques g(q) of the weights about the joints and ``∂g/∂q`` (method.md §9).
 
-        Pinocchio's generalised gravity is what holds the weights, so that its sign is the other one.
+        Pinocchio's generalised gravity is the torque that holds the weights, so that the sign is reversed.
 
         Returns:
-            (B, n) [N·m] and (B, n, n) [N·m/rad].
+            Torques (B, n) [N·m], and their derivative (B, n, n) by the joint angles [N·m/rad].
         """
         count, n = postures.q.shape
         torque, stiffness = np.empty((count, n)), np.empty((count, n, n))
@@ -79,7 +80,7 @@ class OwnWeight:
         if self.mass.ndim > 1:
             models = [(slice(j, j + 1), self.mass[j], self.centre[j]) for j in range(n)]
         for rows, mass, centre in models:
-            model = with_weights(robot.model, mass, centre, self.gravity)
+            model = copy_with_weights(robot.model, mass, centre, self.gravity)
             data = model.createData()
             for i, q in enumerate(in_configuration_space(model, postures.q)):
                 slope = pin.computeGeneralizedGravityDerivatives(model, data, q)
@@ -89,12 +90,13 @@ class OwnWeight:
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """B load cases in balance: ``δθ = c ∘ (τ(q + δθ) + g(q + δθ) − g(q))``; without g(q) for the sag, too.
+    """B load cases in balance: ``δθ = c ∘ (τ(q + δθ) + g(q + δθ) − g(q))``.
 
-    Torques and stiffness are of a posture one last step before the balance.
+    If the own weight is `absolute`, the term g(q) is left out, so that δθ includes the sag. Torques and
+    stiffness are those of the posture before the last step of Newton's method.
     """
 
-    loaded: Postures  #: kinematics there
+    loaded: Postures  #: kinematics of the loaded postures, before the last step
     step: FloatArray  #: (B, n) the last step [rad]
     #: (B, n) torque by which the load, with the change of the own weight's, twists the joints [N·m]
     torque: FloatArray
@@ -111,13 +113,13 @@ def balance(
     unloaded: Postures,
     near: Postures,
 ) -> Balance:
-    """Find the balance by Newton's method.
+    """Find the balance of springs, loads and own weight by Newton's method.
 
     Args:
         robot: n joints.
-        compliance: (n,) [rad/(N·m)].
+        compliance: (n,) joint compliances [rad/(N·m)].
         cases: B loads, measured or to be predicted.
-        weight: of the links; None leaves it out.
+        weight: own weight of the links; None leaves it out.
         unloaded: kinematics without the load.
         near: kinematics to start from.
 
@@ -137,7 +139,7 @@ def balance(
             torque, stiffness = torque + own - rest, stiffness + own_stiffness
         softening = compliance[:, None] * stiffness
         residual = compliance * torque - deflection
-        softened = _softening_inverse(softening)
+        softened = _invert_softening(softening)
         step = (softened @ residual[..., None])[..., 0]
         deflection = deflection + step
         if (np.abs(step) <= _LAST_STEP).all():
@@ -146,16 +148,16 @@ def balance(
             return Balance(loaded, step, torque, stiffness, softened)
         _refuse_unbalanced(np.asarray(~(np.abs(deflection) <= 2.0 * _LARGEST_DEFLECTION).all(axis=1)))
         loaded = Postures(robot, unloaded.q + deflection)
-    raise _no_balance(int(np.argmax(np.abs(step).max(axis=1))))
+    raise _no_balance_error(int(np.argmax(np.abs(step).max(axis=1))))
 
 
 def wrench_stiffness(
     axes: FloatArray, load_jacobian: FloatArray, force: FloatArray, moment: FloatArray
 ) -> FloatArray:
-    """Return ``K_c,jk = ∂τ_j/∂θ_k`` of wrenches, as `complementary_stiffness` states it.
+    """Return the complementary stiffness ``K_c,jk = ∂τ_j/∂θ_k`` of constant wrenches (method.md §2).
 
     Args:
-        axes: (B, 3, n) of the joints, R0.
+        axes: (B, 3, n) axes of the joints in R0.
         load_jacobian: (B, 3, n) J_v at the load points [m/rad].
         force: (B, 3) on the robot, axes of R0 [N].
         moment: (B, 3) on the robot about the load point, axes of R0 [N·m].
@@ -174,13 +176,13 @@ def wrench_stiffness(
     return stiffness.transpose(2, 0, 1)
 
 
-def _softening_inverse(softening: FloatArray) -> FloatArray:
+def _invert_softening(softening: FloatArray) -> FloatArray:
     """Return ``(I − E)⁻¹`` of matrices E (B, n, n), by ``(I + E)(I + E²)(I + E⁴)…`` where they are small.
 
     Raises:
-        RequestError: one is singular.
+        RequestError: a matrix is singular, so that a load case has no balance.
     """
-    identity, size = np.eye(softening.shape[1]), float(_row_sums(softening).max(initial=0.0))
+    identity, size = np.eye(softening.shape[1]), float(_infinity_norms(softening).max(initial=0.0))
     if not size <= _SMALL:  # NaN, too
         try:
             return np.asarray(np.linalg.inv(identity - softening))
@@ -195,31 +197,33 @@ def _softening_inverse(softening: FloatArray) -> FloatArray:
     return softened
 
 
-def _row_sums(matrices: FloatArray) -> FloatArray:
-    """Return greatest sums (B,) of the magnitudes in a row of matrices (B, n, n)."""
+def _infinity_norms(matrices: FloatArray) -> FloatArray:
+    """Return the infinity norms (B,) of matrices (B, n, n): the greatest sum of magnitudes in a row."""
     return np.asarray(np.abs(matrices).sum(axis=2).max(axis=1))
 
 
 def _is_unstable(softening: FloatArray) -> BoolArray:
-    """Return whether balances (B,) are not stable: ``I − E``, similar to scaled stiffnesses, not positive.
+    """Return which balances (B,) are unstable: ``I − E`` has an eigenvalue that is not positive.
 
-    Rows that stay close to those of the identity show it without eigenvalues (Gershgorin).
+    E is diag(c) times the stiffness of the load. Row sums below 1 prove stability without eigenvalues
+    (Gershgorin).
     """
-    unstable: BoolArray = _row_sums(softening) >= 1.0
+    unstable: BoolArray = _infinity_norms(softening) >= 1.0
     if unstable.any():
         doubtful = np.eye(softening.shape[1]) - softening[unstable]
-        singular = np.linalg.slogdet(doubtful).sign == 0.0  # whose eigenvalue may be rounded to either side
+        # A zero eigenvalue may be rounded to either side: the determinant decides
+        singular = np.linalg.slogdet(doubtful).sign == 0.0
         unstable[unstable] = singular | (np.linalg.eigvals(doubtful).real <= 0.0).any(axis=1)
     return unstable
 
 
 def _refuse_unbalanced(failed: BoolArray) -> None:
-    """Raise for the first case (B,) that finds no stable balance."""
+    """Raise a `RequestError` for the first of the cases (B,) marked as without a stable balance."""
     if failed.any():
-        raise _no_balance(int(np.argmax(failed)))
+        raise _no_balance_error(int(np.argmax(failed)))
 
 
-def _no_balance(case: int) -> RequestError:
+def _no_balance_error(case: int) -> RequestError:
     return RequestError(
         "the load finds no stable balance near the unloaded posture",
         where=f"cases[{case}]",
@@ -231,13 +235,16 @@ BLOCK_LENGTH = 3072
 """Observations per block: its arrays stay in the cache, and numpy's overhead is spread well."""
 
 _MOST_KEPT = 256
-"""Observations of a set whose regressors are kept as long as the set: they take a MB at most."""
+"""Most observations of a set whose regressors are kept as long as the set: they take 1 MB at most."""
 _KEPT: WeakKeyDictionary[Measurements, dict[bool, dict[str, Any]]] = WeakKeyDictionary()
-"""Fields of the last block of a set, without K_c and with it."""
+"""Fields of the last block of each set; the key is whether the block includes K_c."""
 
 
 def spring_frames(postures: Postures) -> tuple[FloatArray, FloatArray]:
-    """Return rotations (B, n + 1, 3, 3) and origins (B, n + 1, 3) [m] of all joints, then of R0, in R0."""
+    """Return rotations (B, n + 1, 3, 3) and origins (B, n + 1, 3) [m] of the frames in which springs are.
+
+    They are the frames that move with the joints, then R0 for the base, all given in R0.
+    """
     axes, origin = postures.joint_frames
     own, none = np.broadcast_to(np.eye(3), (len(axes), 1, 3, 3)), np.zeros((len(axes), 1, 3))
     return np.concatenate([axes, own], axis=1), np.concatenate([origin, none], axis=1)
@@ -252,8 +259,8 @@ class RegressorBlock:
     """
 
     robot: Robot  #: n joints
-    compliance: FloatArray | None  #: (n,) at which it is taken [rad/(N·m)]; None without K_c
-    postures: Postures  #: the kinematics
+    compliance: FloatArray | None  #: (n,) compliances whose balance is computed [rad/(N·m)]; None without K_c
+    postures: Postures  #: kinematics of the configurations
     torque: FloatArray  #: (B, n) torque of the load about each joint [N·m]
     load_jacobian: FloatArray  #: (B, 3, n) J_v at the load point [m/rad]
     points: FloatArray  #: (B, T, 3) the targets in R0, in these configurations [m]
@@ -264,12 +271,13 @@ class RegressorBlock:
 
     @cached_property
     def frames(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return how the frames of links and base move the targets, and how the load pulls at them.
+        """Return how frames of links and base move the targets, and the load's wrench in each frame.
 
         Returns:
-            (n + 1, B, T, 3, 6) motion of the targets with translations, then rotations of the frame of each
-            joint and of the base; (n + 1, B, 6) wrench of the load in it, force then moment about its origin
-            [N, N·m]; and (B, n + 1, 3) the load point from the origins, axes of R0 [m].
+            (n + 1, B, T, 3, 6) motion of the targets by translations, then rotations, of the frame of each
+            joint and of the base; (n + 1, B, 6) wrench of the load in each frame, force then moment about the
+            frame's origin [N, N·m]; and (B, n + 1, 3) vectors from the origins to the load point, axes of R0
+            [m].
         """
         part = self.measurements
         axes, origin = spring_frames(self.postures)
@@ -285,7 +293,7 @@ class RegressorBlock:
 def regressor_blocks(
     robot: Robot, measurements: Measurements, compliance: FloatArray | None = None
 ) -> Iterator[RegressorBlock]:
-    """Return the regressors block by block.
+    """Yield the regressors of the deflections, block by block.
 
     With a compliance c they hold the complementary stiffness (method.md §2): A c is then the deflection of
     the exact balance ``δθ = c ∘ τ(q + δθ)`` up to third order in δθ. Torques are those at q + δθ; Jacobians
@@ -295,26 +303,29 @@ def regressor_blocks(
     Args:
         robot: n joints.
         measurements: N observations.
-        compliance: (n,) of the joints [rad/(N·m)]; None leaves out how they move the load.
+        compliance: (n,) joint compliances [rad/(N·m)]; None neglects how deflection changes the torques.
 
     Returns:
         Blocks of at most `BLOCK_LENGTH` observations, in order.
 
     Raises:
-        SolverError: the load finds no balance with joints of that compliance.
+        SolverError: a load has no balance with joints of this compliance.
     """
     if len(measurements.joints) <= BLOCK_LENGTH:
         return iter((whole_block(robot, measurements, compliance),))
-    return _blocks_ahead(robot, measurements, compliance)
+    return _compute_blocks_ahead(robot, measurements, compliance)
 
 
-def _blocks_ahead(
+def _compute_blocks_ahead(
     robot: Robot, measurements: Measurements, compliance: FloatArray | None
 ) -> Iterator[RegressorBlock]:
+    """Yield blocks in order, while a thread computes the next block."""
     before: Future[RegressorBlock] | None = None
-    with ThreadPoolExecutor(1) as ahead:  # one block, while the caller works on the one before
+    with ThreadPoolExecutor(1) as ahead:
         for start in range(0, len(measurements), BLOCK_LENGTH):
-            coming = ahead.submit(_block, robot, measurements[start : start + BLOCK_LENGTH], compliance)
+            coming = ahead.submit(
+                _compute_block, robot, measurements[start : start + BLOCK_LENGTH], compliance
+            )
             if before is not None:
                 yield before.result()
             before = coming
@@ -324,22 +335,22 @@ def _blocks_ahead(
 def whole_block(
     robot: Robot, measurements: Measurements, compliance: FloatArray | None = None
 ) -> RegressorBlock:
-    """Return the regressors of a whole set, kept with a small one: checks, fit and prediction share them."""
+    """Return the regressors of a whole set; those of a small set are kept for checks, fit and prediction."""
     if len(measurements.joints) > _MOST_KEPT:
-        return _block(robot, measurements, compliance)
+        return _compute_block(robot, measurements, compliance)
     kept = _KEPT.setdefault(measurements, {})
     fields = kept.get(compliance is not None)
     at = None if fields is None else fields["compliance"]
     same = compliance is None or (at is not None and np.array_equal(at, compliance))
     if fields is None or fields["robot"] is not robot or not same:
-        block = _block(robot, measurements, compliance)
+        block = _compute_block(robot, measurements, compliance)
         fields = {name: part for name, part in vars(block).items() if name != "measurements"}
         kept[compliance is not None] = fields
     return RegressorBlock(measurements=measurements, **fields)
 
 
 def unloaded_postures(robot: Robot, measurements: Measurements) -> Postures:
-    """Return the kinematics of a set without load, kept with a small one."""
+    """Return the kinematics of a set's unloaded configurations; those of a small set are kept."""
     if len(measurements.joints) > _MOST_KEPT:
         return Postures(robot, robot.joint_map.model_angles(measurements.joints))
     return whole_block(robot, measurements).postures
@@ -352,7 +363,12 @@ def targets_in_flange(robot: Robot, part: Measurements) -> FloatArray:
     return np.asarray(np.where(present, places, 0.0).sum(axis=0) / np.maximum(present.sum(axis=0), 1))
 
 
-def _block(robot: Robot, part: Measurements, compliance: FloatArray | None) -> RegressorBlock:
+def _compute_block(robot: Robot, part: Measurements, compliance: FloatArray | None) -> RegressorBlock:
+    """Compute the regressors of some observations, at the balance of a compliance if one is given.
+
+    Raises:
+        SolverError: a load has no balance with joints of this compliance.
+    """
     if compliance is None:
         return unloaded_block(robot, Postures(robot, robot.joint_map.model_angles(part.joints)), part)
     unloaded = unloaded_postures(robot, part)
@@ -368,7 +384,7 @@ def _block(robot: Robot, part: Measurements, compliance: FloatArray | None) -> R
     halfway = Postures(robot, unloaded.q + 0.5 * compliance * torque)
     in_flange = np.where(part.in_flange[..., None], part.position, unloaded.to_flange(part.position))
     load_jacobian, _ = halfway.load(part.load_point, part.force, part.moment)
-    return _assemble(
+    return _assemble_block(
         robot, compliance.copy(), halfway, load_jacobian, torque, halfway.to_base(in_flange), part
     )
 
@@ -379,10 +395,10 @@ def unloaded_block(robot: Robot, postures: Postures, part: Measurements) -> Regr
     if part.in_flange.any():
         points = np.where(part.in_flange[..., None], postures.to_base(points), points)
     load_jacobian, torque = postures.load(part.load_point, part.force, part.moment)
-    return _assemble(robot, None, postures, load_jacobian, torque, points, part)
+    return _assemble_block(robot, None, postures, load_jacobian, torque, points, part)
 
 
-def _assemble(
+def _assemble_block(
     robot: Robot,
     compliance: FloatArray | None,
     postures: Postures,
@@ -391,6 +407,7 @@ def _assemble(
     points: FloatArray,
     part: Measurements,
 ) -> RegressorBlock:
+    """Build a block from its kinematics and torques; `points` (B, T, 3) are the targets in R0 [m]."""
     jacobian = part.shown(postures.jacobian_at(points))
     A = np.multiply(jacobian, torque[:, None, None], order="C")
     if not part.present.all():
@@ -399,15 +416,15 @@ def _assemble(
 
 
 class Rows(NamedTuple):
-    """Columns of terms, K together, then the readings; zero where nothing was read."""
+    """Rows of a fit: K columns of terms, then the readings; zero where nothing was read."""
 
-    targets: FloatArray  #: (B, T, 3, K + 1) of the targets [m], axes of R0
-    encoders: FloatArray | None  #: (B, n, K + 1) of the encoders [rad]; None without
+    targets: FloatArray  #: (B, T, 3, K + 1) rows of the targets [m], axes of R0
+    encoders: FloatArray | None  #: (B, n, K + 1) rows of the encoders [rad]; None without encoders
     widths: dict[str, int]  #: number of columns of each term
 
 
 class Motion(NamedTuple):
-    """Motion by one unit of each of k unknowns."""
+    """Motion of targets and joints by one unit of each of k unknowns."""
 
     targets: FloatArray  #: (B, T, 3, k) of the targets [m per unit], axes of R0
     joints: FloatArray | None = (
@@ -422,10 +439,10 @@ def nothing_stated(_: CommonUncertainty) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class Term:
-    """Something that can move a target.
+    """Cause that can move a target: an elastic element or an error, with columns for its unknowns.
 
-    What a fit assumes, what a test suspects, what a budget lists and what a plan hedges against are terms.
-    They go to other processes with the readings, so their functions are those of modules.
+    Fits, tests for suspected causes, uncertainty budgets and plans are made of terms. Terms are pickled, so
+    that their functions must be defined at module level.
     """
 
     name: str  #: name in budgets, tests and plans
@@ -435,7 +452,7 @@ class Term:
     #: standard uncertainties of its unknowns as the readings state them, repeated over them; none without
     prior: Callable[[CommonUncertainty], tuple[float, ...]] = nothing_stated
     suspected: bool = False  #: whether it is tested as a cause of what the joints leave unexplained
-    #: measurements under the loads that its unknowns say; None for what moves the targets by itself
+    #: measurements whose loads are changed by its unknowns; None for a cause that moves targets directly
     under: Callable[[Robot, Measurements, FloatArray], Measurements] | None = None
     nonnegative: bool = False  #: whether its unknowns cannot be negative
     words: str = ""  #: what it is as a cause, with a place {} for its unknowns
@@ -450,7 +467,7 @@ class FittedErrors:
 
     terms: tuple[Term, ...]  #: terms that they are of
     unknowns: tuple[FloatArray, ...]  #: (k,) of each term, in its unit
-    root: FloatArray  #: (K, r); its product with the transpose is the covariance of all unknowns
+    root: FloatArray  #: (K, r) root R of the covariance R Rᵀ of all unknowns
     determined: int  #: number of combinations of the unknowns that the readings distinguish from the joints
 
 
@@ -459,31 +476,34 @@ NOTHING_FITTED: Final = FittedErrors((), (), np.zeros((0, 0)), 0)
 
 @dataclass(frozen=True, eq=False)
 class CorrectedMeasurements(Measurements):
-    """Readings without the motion by errors, which were fitted with the joints."""
+    """Measurements from which the motion by fitted errors was subtracted."""
 
     fitted: FittedErrors = NOTHING_FITTED
 
     @classmethod
     def of(cls, measurements: Measurements, fitted: FittedErrors) -> CorrectedMeasurements:
-        """Return readings whose errors were taken out."""
+        """Return corrected measurements together with the errors that were fitted."""
         return cls(
             **{each.name: getattr(measurements, each.name) for each in fields(Measurements)}, fitted=fitted
         )
 
 
 def fitted_errors(measurements: Measurements) -> FittedErrors:
-    """Return the errors that were fitted with the joints; none of readings as they were made."""
+    """Return the errors that corrected measurements hold; no errors for uncorrected measurements."""
     return measurements.fitted if isinstance(measurements, CorrectedMeasurements) else NOTHING_FITTED
 
 
-def by_torque(block: RegressorBlock, compliance: FloatArray, torque: FloatArray) -> Motion:
-    """Return what torques (B, n, k) about the joints move: ``J (c ∘ τ)`` and ``c ∘ τ``."""
+def move_by_torque(block: RegressorBlock, compliance: FloatArray, torque: FloatArray) -> Motion:
+    """Return the motion by torques τ (B, n, k): ``J (c ∘ τ)`` of targets, and ``c ∘ τ`` of joints."""
     bent = compliance[:, None] * torque
     return Motion(block.jacobian @ bent[:, None], bent)
 
 
 def rows_of(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray) -> Rows:
-    """Return the columns of terms at a compliance (n,) of the joints, at which errors show [rad/(N·m)]."""
+    """Return the columns of terms, then the readings, of a block of observations.
+
+    Terms of errors depend on the compliance (n,) of the joints [rad/(N·m)].
+    """
     part = block.measurements
     motions = {term.name: term.motion(block, compliance) for term in terms}
     targets = np.concatenate([*(m.targets for m in motions.values()), part.deflection[..., None]], axis=-1)
@@ -503,9 +523,9 @@ def rows_of(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray
 
 
 def whitened_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray) -> Rows:
-    """Return `rows_of` in units of sigma: of unit covariance where the terms hold all that moves.
+    """Return the rows of `rows_of` in units of sigma, so that the noise of each row has unit variance.
 
-    An encoder's deflection has the variance 2 σ_e² (method.md §2).
+    The deflection of an encoder is a difference of two readings, with variance 2 σ_e² (method.md §2).
     """
     rows, part = rows_of(block, terms, compliance), block.measurements
     encoders = None if rows.encoders is None else part.encoder_lever / np.sqrt(2.0) * rows.encoders

@@ -22,10 +22,10 @@ class LoadCases:
     """
 
     joints: FloatArray  #: (B, n) angles without the load, as the controller shows them [rad]
-    force: FloatArray  #: (B, 3) on the robot, axes of R0 [N]
-    moment: FloatArray  #: (B, 3) on the robot about the load point, axes of R0 [N·m]
+    force: FloatArray  #: (B, 3) force on the robot, axes of R0 [N]
+    moment: FloatArray  #: (B, 3) moment on the robot about the load point, axes of R0 [N·m]
     load_point: FloatArray  #: (B, 3) where the force acts, flange frame [m]
-    place: FloatArray  #: (B, 3) whose deflection is predicted, flange frame [m]
+    place: FloatArray  #: (B, 3) point whose deflection is predicted, flange frame [m]
 
     def __post_init__(self) -> None:
         count = len(self.joints)
@@ -45,5 +45,5 @@ class LoadCases:
         return len(self.joints)
 
     def __getitem__(self, index: IndexArray | slice) -> LoadCases:
-        """Return some of the cases."""
+        """Return the selected cases, in the given order."""
         return LoadCases(*(array[index].copy() for array in vars(self).values()))

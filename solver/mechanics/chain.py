@@ -60,7 +60,7 @@ class ChainJoint:
     q, and at `rotation @ (x + q axis) + translation` behind a prismatic joint at length q.
 
     Raises:
-        RobotError: a name, number, axis, rotation or limit that cannot be one.
+        RobotError: a name, number, axis, rotation or limit is not valid.
     """
 
     name: str  #: name of the joint
@@ -100,7 +100,7 @@ class ChainJoint:
 
     @property
     def is_moving(self) -> bool:
-        """Return whether the joint has a position."""
+        """Return whether the joint moves, so that it has a position."""
         return self.kind != "fixed"
 
     @property
@@ -171,7 +171,7 @@ class KinematicChain:
         return tuple(joint.kind for joint in self.joints if joint.kind != "fixed")
 
     def model(self) -> pin.Model:
-        """Build Pinocchio's model: a joint for each that moves, and a frame for each link.
+        """Build Pinocchio's model: a joint for each moving joint, and a frame for each link.
 
         The universe is R0, the frame of the base link. Frames of links behind a fixed joint are placed in the
         frame of the last moving joint; the frame of the flange is the last one.
@@ -196,7 +196,7 @@ _NO_BOUND: Final = np.full(1, np.inf)
 
 
 def _pinocchio_joint(joint: ChainJoint, placement: pin.SE3) -> tuple[object, ...]:
-    """Return the arguments of `pin.Model.addJoint` behind the parent, for a joint that moves."""
+    """Return the arguments of `pin.Model.addJoint` after the parent's index, for a moving joint."""
     kind = pin.JointModelPrismaticUnaligned if joint.kind == "prismatic" else pin.JointModelRevoluteUnaligned
     lower, upper = joint.limits or (-UNLIMITED, UNLIMITED)
     least = np.full(1, lower if lower > -UNLIMITED else -np.inf)
@@ -225,7 +225,7 @@ def check_name(name: str, where: str) -> None:
 
 
 def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> KinematicChain:
-    """Build the chain of a table.
+    """Build the kinematic chain of a Denavit-Hartenberg table.
 
     With joint angle q_i and the constants of row i, frame i is in frame i-1 at
 
@@ -240,7 +240,7 @@ def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> Kinema
 
     Args:
         rows: 1 to `MAX_MOVING_JOINTS` rows, base first, in m and rad.
-        convention: of the table.
+        convention: convention of the table.
         name: name of the robot.
 
     Returns:
@@ -251,16 +251,16 @@ def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> Kinema
     """
     if not 1 <= len(rows) <= MAX_MOVING_JOINTS:
         remedy = f"give 1 to {MAX_MOVING_JOINTS} rows, one per joint"
-        raise RobotError(f"{len(rows)} rows", remedy=remedy, where="model.rows")
+        raise RobotError(f"the table has {len(rows)} rows", remedy=remedy, where="model.rows")
     joints, z = [], np.array([0.0, 0.0, 1.0])
-    before = pin.SE3.Identity()  # what of the rows so far comes before the next joint
+    before = pin.SE3.Identity()  # transforms of earlier rows that still precede the next joint
     for index, row in enumerate(rows):
         limits = _checked_limits(row, f"model.rows[{index}]")
-        # Rx(alpha) Tx(a), which commute, as the other two do
+        # Rx(alpha) and Tx(a) commute, and so do Rz(theta) and Tz(d)
         about_x = pin.SE3(pin.utils.rotate("x", row.alpha), np.array([row.a, 0.0, 0.0]))
         if convention == "modified":
             place = about_x * _about_z(row.theta, row.d)
-        else:  # the joint moves about or along z of frame i-1: what follows the joint of row i-1 comes before
+        else:  # joint i moves about or along z of frame i-1: row i-1 after its joint precedes joint i
             place = before * _about_z(row.theta, 0.0)
             before = _about_z(0.0, row.d) * about_x
         own, link = f"joint_{index + 1}", f"link_{index + 1}"
@@ -275,7 +275,11 @@ def _about_z(angle: float, length: float) -> pin.SE3:
 
 
 def _checked_limits(row: DhRow, where: str) -> tuple[float, float] | None:
-    """Return the limits of a row's joint [rad or m], unless a number of the row makes no sense."""
+    """Check the numbers of a table's row, and return its joint's limits [rad or m]; None without limits.
+
+    Raises:
+        RobotError: a number is not finite or too large.
+    """
     position = ("m", LARGEST_LENGTH) if row.kind == "prismatic" else ("rad", LARGEST_ANGLE)
     for field, unit, largest in (
         ("a", "m", LARGEST_LENGTH),

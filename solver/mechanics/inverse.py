@@ -20,34 +20,34 @@ from scipy.spatial.transform import Rotation
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError, RobotError
 from jointstiff.solver.mechanics.postures import Postures, rotation_vectors
-from jointstiff.solver.mechanics.robot import Robot, standing_still
+from jointstiff.solver.mechanics.robot import Robot, fix_prismatic_joints
 
 BRANCHES: Final = 8
 """Most solutions kept for a pose; more exist only where a joint is free to turn."""
 _JOINTS: Final = 6
 _STEPS: Final = 8
 _REACHED: Final = 1e-10
-"""Distance [m] and angle [rad] from the pose that is rounding."""
+"""Distance [m] and angle [rad] from a pose within which it counts as reached."""
 _LAST_STEP: Final = 1e-6
-"""Step of Newton's method [rad] whose square, times an arm's reach, is rounding."""
+"""Step of Newton's method [rad] after which the error is rounding: its square times an arm's reach."""
 _SNAP: Final = 1e-2
-"""Parts of an axis, and of a step between axes [m], that identification rather than design put there."""
+"""Components of an axis, and of a step between axes [m], below which they are put to zero as not designed."""
 _POLISHED_AT_ONCE: Final = 4096
 """Postures that are polished at a time: what a cache holds."""
 _DAMPING: Final = 1e-12
 _ONE: Final = 1e-3
-"""Difference of two solutions [rad] that are taken for one."""
+"""Difference [rad] below which two solutions count as one."""
 _SINGULAR: Final = 2e-3
 """Least singular value up to which branches cannot be distinguished."""
 _LEAST_STEP: Final = 1.0 / 1024.0
-"""Share of a straight line that is followed in one step at least."""
+"""Smallest share of a straight line that is followed in one step."""
 _TURN: Final = 2.0 * np.pi
 _TURNS: Final = np.arange(-2, 3) * _TURN
 """Full turns that are tried about an angle [rad]."""
 _TOLERANCE: Final = 1e-4
 """Angle by which a stated range or a joint's limit may be missed [rad]: programs are rounded."""
 _NEAR_SINGULAR: Final = 0.04
-"""Least singular value up to which a solution may be taken for one that is missing."""
+"""Least singular value of a solution up to which another solution close by may be missing."""
 _AHEAD: Final = 4096
 """Poses of a path whose solutions are held at a time."""
 _RUN: Final = 256
@@ -63,7 +63,7 @@ class InverseKinematics:
     """
 
     def __init__(self, robot: Robot, held: FloatArray | None = None) -> None:
-        """Find how the chain, or else the nearest one that does, decomposes.
+        """Find how the chain decomposes for a closed-form solution, or else the nearest chain that does.
 
         Args:
             robot: n joints, six of them revolute.
@@ -89,7 +89,7 @@ class InverseKinematics:
                     remedy="give all joints as `near` or `start`: the linear axis stays there",
                     where="robot",
                 )
-            self.arm = standing_still(robot, held)
+            self.arm = fix_prismatic_joints(robot, held)
             self._held, self._held_in_model = held, robot.joint_map.model_angles(held[None])[0]
         try:
             from eaik.pybindings import EAIK
@@ -105,7 +105,7 @@ class InverseKinematics:
         axes = np.stack([R @ axis for R, axis in zip(rotation[0], robot.axes, strict=True)])
         steps = np.diff(np.vstack([np.zeros(3), origin[0], flange.flange_translation]), axis=0)
         for self._exact in (True, False):
-            if not self._exact:
+            if not self._exact:  # remove the small deviations from design that identification found
                 axes, steps = (np.where(np.abs(each) < _SNAP, 0.0, each) for each in (axes, steps))
                 axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
             self._solver = EAIK.Robot(axes.T, steps.T, flange.flange_rotation[0], [], True)
@@ -118,15 +118,18 @@ class InverseKinematics:
         )
 
     def __reduce__(self) -> tuple[type[InverseKinematics], tuple[Robot, FloatArray | None]]:
-        """Find the decomposition anew in another process: EAIK's does not pickle."""
+        """Pickle the arguments only, as EAIK's decomposition does not pickle: it is found again."""
         return InverseKinematics, self._found_by
 
     def of_arm(self, joints: FloatArray) -> FloatArray:
-        """Return the arm's joints (..., 6) among the robot's (..., n)."""
+        """Return the positions (..., 6) of the arm's joints out of those of all joints (..., n)."""
         return joints if self.arm.n == len(self._held) else joints[..., self.turning]
 
     def whole(self, angles: FloatArray, *, of_model: bool = False) -> FloatArray:
-        """Return the robot's joints (..., n) by the arm's (..., 6), of the controller or of the model."""
+        """Return the positions (..., n) of all the robot's joints from the arm's angles (..., 6) [rad or m].
+
+        Angles are the controller's, or the model's with `of_model`. Prismatic joints are where they are held.
+        """
         if self.arm.n == len(self._held):
             return angles
         held = self._held_in_model if of_model else self._held
@@ -136,47 +139,50 @@ class InverseKinematics:
         return joints
 
     def standing(self, robot: Robot, commanded: FloatArray) -> FloatArray:
-        """Return positions of the model (m, n) of the same flange poses as others, prismatic joints standing.
+        """Return positions (m, n) with the flange poses of commanded positions, but prismatic joints held.
+
+        All positions are the model's [rad or m].
 
         Raises:
-            RequestError: a pose is not reached from there.
+            RequestError: the arm does not reach a pose while prismatic joints are held.
         """
         if self.arm is robot:
             return commanded
         angles, reached = self.polished(flange_poses(robot, commanded), self.of_arm(commanded))
         if not reached.all():
             raise RequestError(
-                "the corrected target is not reached while the linear axis stays",
+                "the arm does not reach the corrected target while the linear axis stays in place",
                 remedy="move the part away from the singularity",
                 where=f"cases[{int(np.argmin(reached))}]",
             )
         return self.whole(angles, of_model=True)
 
     def solutions(self, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Return all solutions of poses (m, 4, 4) of the flange in R0 [m], and where none may be missing.
+        """Return all solutions of flange poses (m, 4, 4) in R0 [m], and whether they are complete.
 
-        Newton's method, which begins at the branches of the nearest chain that decomposes, loses some near
-        singularities: then a branch has no solution, or two have the same.
+        For an identified chain, Newton's method begins at the solutions of the nearest chain that decomposes.
+        Near singularities it may fail, or reach one solution from two starts: then solutions may be missing.
 
         Returns:
-            (m, 8, 6) angles of the model in [−π, π] [rad], filled up with NaN, and (m,) whether they are all.
+            Angles (m, 8, 6) of the model in [−π, π] [rad], filled up with NaN, and (m,) whether none is
+            missing.
         """
-        angles, complete = self._closed_form(poses)
+        angles, complete = self._solve_closed_form(poses)
         if not self._exact:
             case, branch = np.nonzero(np.isfinite(angles[:, :, 0]))
             polished, reached = self.polished(poses[case], angles[case, branch])
             polished[~reached] = np.nan
             complete[case[~reached]] = False
             angles[case, branch] = polished
-            for i in range(1, BRANCHES):  # two of the solutions are one
+            for i in range(1, BRANCHES):  # two equal solutions show that another was lost
                 gaps = apart(angles[:, i:], angles[:, :-i])
                 complete &= ~(np.nan_to_num(gaps, nan=np.inf) < _ONE).any(axis=1)
-            sharp = self.least_singular(polished[reached]) < _SINGULAR
+            sharp = self.least_singular_value(polished[reached]) < _SINGULAR
             complete[case[reached][sharp]] = False
         return angles, complete
 
-    def _closed_form(self, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Return the solver's solutions (m, 8, 6) [rad], filled up with NaN, and whether all are exact."""
+    def _solve_closed_form(self, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Return EAIK's solutions (m, 8, 6) [rad], filled up with NaN, and (m,) whether they are complete."""
         solutions = [self._solver.calculate_IK(pose) for pose in poses]
         branches = [solution.Q for solution in solutions]
         counts = np.array([len(each) for each in branches])
@@ -186,7 +192,9 @@ class InverseKinematics:
         least_squares = np.concatenate([solution.is_LS for solution in solutions]).astype(bool)
         complete: BoolArray = np.asarray((counts <= BRANCHES) | self._exact)
         pose = np.repeat(np.arange(len(poses)), counts)
-        if self._exact:  # the pose is out of reach; near it, Newton's method decides
+        # Least-squares solutions mean that the pose is out of reach. An exact chain drops them; with an
+        # approximate chain, Newton's method decides.
+        if self._exact:
             rows, pose = rows[~least_squares], pose[~least_squares]
             counts = np.bincount(pose, minlength=len(poses))
         else:
@@ -196,21 +204,21 @@ class InverseKinematics:
         angles[taken] = rows
         return angles[:, :BRANCHES], complete
 
-    def continues(self, q: FloatArray, near: FloatArray) -> BoolArray:
-        """Return whether postures (m, 6) continue the branch of others: no other solution is as near.
+    def is_same_branch(self, q: FloatArray, near: FloatArray) -> BoolArray:
+        """Return which postures `q` (m, 6) surely are on the same branch as `near` (m, 6): (m,) [rad].
 
-        The Jacobian changes by some σ where the angles change by σ, so that within half of the least singular
-        value at a solution there is no other one.
+        If angles change by σ, the Jacobian changes by about σ. No other solution therefore lies within half
+        the least singular value of a solution.
         """
         step = np.abs(q - near).max(axis=1, initial=0.0)
         known = np.flatnonzero(np.isfinite(step))
         sure = np.zeros(len(q), dtype=np.bool_)
-        least = self.least_singular(q[known])
+        least = self.least_singular_value(q[known])
         sure[known] = (step[known] <= 0.5 * least) & (least > _SINGULAR)
         return sure
 
-    def least_singular(self, q: FloatArray) -> FloatArray:
-        """Return the least singular value (m,) of the flange's Jacobian, in metres and radians."""
+    def least_singular_value(self, q: FloatArray) -> FloatArray:
+        """Return the least singular value (m,) of the flange's Jacobian at angles (m, 6), in m and rad."""
         if not len(q):
             return np.zeros(0)
         here = Postures(self.arm, q)
@@ -221,8 +229,8 @@ class InverseKinematics:
         """Follow the branches of angles (m, 6) [rad] along straight lines to poses (m, 4, 4) [m].
 
         Returns:
-            Angles (m, 6) of the model [rad], and (m,) whether each could be distinguished from others all
-            along.
+            Angles (m, 6) of the model [rad], and (m,) whether the branch could be followed to the pose
+            without confusion with another.
         """
         begin, q = flange_poses(self.arm, near), near.copy()
         done, step = np.zeros(len(poses)), np.ones(len(poses))
@@ -230,7 +238,7 @@ class InverseKinematics:
         while len(left):
             share = np.minimum(done[left] + step[left], 1.0)
             angles, sure = self.polished(_poses_between(begin[left], poses[left], share), q[left])
-            sure &= self.continues(angles, q[left])
+            sure &= self.is_same_branch(angles, q[left])
             q[left[sure]] = angles[sure]
             done[left[sure]] = share[sure]
             step[left] *= np.where(sure, 2.0, 0.5)
@@ -238,7 +246,7 @@ class InverseKinematics:
         return q, done >= 1.0
 
     def polished(self, poses: FloatArray, near: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Follow Newton's method from given angles (m, 6) [rad] to poses (m, 4, 4) [m].
+        """Solve for poses (m, 4, 4) [m] by Newton's method, starting from given angles (m, 6) [rad].
 
         Returns:
             Angles (m, 6) of the model [rad], and (m,) whether the pose is reached.
@@ -250,7 +258,7 @@ class InverseKinematics:
         return q, reached
 
     def polished_from(self, poses: FloatArray, here: Postures) -> tuple[FloatArray, BoolArray]:
-        """Do the same as `polished` where the arm's kinematics of the given angles are known."""
+        """Solve for poses like `polished`, with the kinematics of the start angles already computed."""
         q, reached = here.q.copy(), np.zeros(len(here), dtype=np.bool_)
         left = np.arange(len(here))
         for step_number in range(_STEPS):
@@ -277,7 +285,7 @@ def flange_poses(robot: Robot, q: FloatArray) -> FloatArray:
 
 
 def _poses_between(begin: FloatArray, end: FloatArray, share: FloatArray) -> FloatArray:
-    """Return poses (m, 4, 4) at shares (m,) of straight lines, turned by the same shares."""
+    """Return poses (m, 4, 4) at shares (m,) in [0, 1] of straight lines and turns from `begin` to `end`."""
     poses = end.copy()
     part = share[:, None]
     poses[:, :3, 3] = (1.0 - part) * begin[:, :3, 3] + part * end[:, :3, 3]
@@ -312,10 +320,10 @@ def choose_postures(
 
     Args:
         inverse: kinematics of the robot.
-        poses: (m, 4, 4) of the flange in R0 [m], ignored where angles are given.
+        poses: (m, 4, 4) poses of the flange in R0 [m]; ignored where angles are given.
         given: (m, 6) controller's angles of joint targets [rad]; NaN for poses.
         stated: (m, 6, 2) least and greatest controller's angles [rad]; ∓inf where nothing is stated.
-        tested: (m,) whether what is stated decides; where no posture came before, it does in any case.
+        tested: (m,) whether the stated ranges decide; they decide in any case where no posture came before.
         start: (n,) joints of the robot, as the controller shows them, near the first pose [rad or m].
 
     Returns:
@@ -327,7 +335,7 @@ def choose_postures(
     robot = inverse.arm
     if np.triu(robot.joint_map.matrix, 1).any():
         raise RobotError(
-            "a joint depends on the controller's angle of a joint further out",
+            "a model joint depends on the controller's angle of a joint farther from the base",
             remedy="give a joint map without entries above the diagonal",
             where="joint_map.matrix",
         )
@@ -335,7 +343,7 @@ def choose_postures(
     previous = None if start is None else inverse.of_arm(start)
     for begin in range(0, len(poses), _AHEAD):
         block = slice(begin, begin + _AHEAD)
-        choice = _Choice(inverse, poses[block], given[block], stated[block], tested[block])
+        choice = _PostureChoice(inverse, poses[block], given[block], stated[block], tested[block])
         previous = choice.follow(joints[block], unreached[block], previous)
     known: BoolArray = np.asarray(np.isfinite(joints).all(axis=1))
     angles = robot.joint_map.model_angles(np.where(known[:, None], joints, 0.0))
@@ -345,8 +353,8 @@ def choose_postures(
     return inverse.whole(joints), unreached
 
 
-class _Choice:
-    """A stretch of m poses with what is given and stated, and their solutions [rad]."""
+class _PostureChoice:
+    """Choice of postures for a stretch of m poses, with all solutions of the poses [rad]."""
 
     def __init__(
         self,
@@ -356,7 +364,7 @@ class _Choice:
         stated: FloatArray,
         tested: BoolArray,
     ) -> None:
-        """Find the solutions (m, 8, 6) in angles of the model, NaN where there is none."""
+        """Find all solutions (m, 8, 6) of the poses; the arguments are those of `choose_postures`."""
         self._inverse, self._robot, self._poses = inverse, inverse.arm, poses
         self._posed, self._stated, self._tested = np.isnan(given[:, 0]), stated, tested
         self._branches, self._complete = np.full((len(poses), 8, 6), np.nan), np.ones(len(poses), np.bool_)
@@ -365,7 +373,7 @@ class _Choice:
     def follow(
         self, joints: FloatArray, unreached: IndexArray, previous: FloatArray | None
     ) -> FloatArray | None:
-        """Choose a posture for each pose, and note why there is none.
+        """Choose a posture for each pose in turn, or note why none was chosen.
 
         Args:
             joints: (m, 6) controller's angles [rad] to be filled in.
@@ -373,7 +381,7 @@ class _Choice:
             previous: (6,) the posture before, if there was one.
 
         Returns:
-            The last posture.
+            The last posture (6,) that is known, by the controller's angles [rad]; None if there is none.
         """
         lost = self._posed & np.isnan(self._branches[:, :, 0]).all(axis=1)
         unreached[lost] = Unreached.OUT_OF_REACH
@@ -383,13 +391,13 @@ class _Choice:
             if not self._posed[i]:
                 at += 1
             elif self._tested[i] or previous is None:
-                joints[i], unreached[i] = self.as_stated(i, previous)
+                joints[i], unreached[i] = self.choose_as_stated(i, previous)
                 at += 1
             else:
                 run = path[at : at + _RUN]
                 stop = np.flatnonzero(self._tested[run] | ~self._posed[run])
                 run = run[: stop[0]] if len(stop) else run
-                angles, unreached[i] = self.nearest(run, previous)
+                angles, unreached[i] = self.follow_nearest(run, previous)
                 if not unreached[i]:
                     joints[run[: len(angles)]] = angles
                     i = run[len(angles) - 1]
@@ -397,8 +405,12 @@ class _Choice:
             previous = joints[i] if np.isfinite(joints[i]).all() else previous
         return previous
 
-    def as_stated(self, i: int, previous: FloatArray | None) -> tuple[FloatArray, Unreached]:
-        """Return the controller's angles (6,) of one pose, and why there are none."""
+    def choose_as_stated(self, i: int, previous: FloatArray | None) -> tuple[FloatArray, Unreached]:
+        """Choose the solution of pose i within the stated ranges, the nearest to the posture before.
+
+        Returns:
+            Controller's angles (6,) [rad], and `Unreached.NO` or the reason why they must not be used.
+        """
         fits, angles = in_ranges(self._robot, self._branches[i], self._stated[i], previous)
         found = angles[fits]
         if not len(found):
@@ -409,15 +421,16 @@ class _Choice:
                 return found[0], Unreached.AMBIGUOUS
         chosen = found[0 if previous is None else np.argmin(np.abs(found - previous).max(axis=1))]
         if not self._complete[i]:
-            least = self._inverse.least_singular(self._robot.joint_map.model_angles(chosen[None]))
+            least = self._inverse.least_singular_value(self._robot.joint_map.model_angles(chosen[None]))
             return chosen, Unreached.NOT_FOLLOWED if least[0] < _NEAR_SINGULAR else Unreached.NO
         return chosen, Unreached.NO
 
-    def nearest(self, run: IndexArray, previous: FloatArray) -> tuple[FloatArray, Unreached]:
-        """Follow the nearest solutions along poses, as long as one solution keeps its place in the list.
+    def follow_nearest(self, run: IndexArray, previous: FloatArray) -> tuple[FloatArray, Unreached]:
+        """Choose solutions near the posture before along a run of poses, as far as the branch is certain.
 
         Returns:
-            Controller's angles (k, 6) [rad] of the first poses, at least one, and why the first has none.
+            Controller's angles (k, 6) [rad] of the first k poses, k at least 1, and `Unreached.NO` or the
+            reason why the first pose has no posture.
         """
         joint_map = self._robot.joint_map
         here = joint_map.model_angles(previous[None])[0]
@@ -426,15 +439,15 @@ class _Choice:
             not self._complete[run[0]]
             and not self._continues_branch(self._branches[run[:1], b], here[None])[0]
         ):
-            # The branch may be missing among the solutions
+            # The branch of the posture before may be missing among the solutions: follow it by Newton steps
             found, known = self._inverse.followed(self._poses[run[:1]], here[None])
             return joint_map.controller_angles(found), Unreached.NO if known[0] else Unreached.NOT_FOLLOWED
         kept = self._branches[run, b]  # (m, 6)
         step = apart(kept[1:], kept[:-1])
         others = apart(self._branches[run[1:]], kept[1:, None])
         others[:, b] = np.inf
-        # By the triangle inequality nothing is nearer to the posture before than a solution that is this
-        # far from all others.
+        # A solution that is more than twice as far from all others as from the posture before is the nearest
+        # to that posture, by the triangle inequality.
         sure = 2.0 * step < np.where(np.isnan(others), np.inf, others).min(axis=1)
         few = np.flatnonzero(~self._complete[run[1:]])
         sure[few] &= self._continues_branch(kept[1:][few], kept[:-1][few])
@@ -444,27 +457,27 @@ class _Choice:
         return joint_map.controller_angles(angles), Unreached.NO
 
     def _continues_branch(self, angles: FloatArray, before: FloatArray) -> BoolArray:
-        """Return whether solutions (k, 6) [rad], full turns aside, continue the branch of those before."""
-        return self._inverse.continues(before + wrapped(angles - before), before)
+        """Return which solutions (k, 6) [rad], full turns aside, continue the branches of `before` (k, 6)."""
+        return self._inverse.is_same_branch(before + wrap_angles(angles - before), before)
 
 
 def apart(angles: FloatArray, from_: FloatArray) -> FloatArray:
-    """Return the greatest difference of an angle, full turns aside [rad]."""
-    gaps = np.moveaxis(wrapped(angles - from_), -1, 0)
-    return np.asarray(np.abs(gaps, order="C").max(axis=0))  # joints first: a tenth of the time
+    """Return the greatest difference [rad] of an angle of postures (..., 6) from others, full turns aside."""
+    gaps = np.moveaxis(wrap_angles(angles - from_), -1, 0)
+    return np.asarray(np.abs(gaps, order="C").max(axis=0))  # joints on the first axis: a tenth of the time
 
 
-def wrapped(angle: FloatArray) -> FloatArray:
-    """Return angles [rad] without full turns, at most half a turn."""
+def wrap_angles(angle: FloatArray) -> FloatArray:
+    """Return angles [rad] reduced by full turns to [−π, π]."""
     return angle - _TURN * np.round(angle / _TURN)
 
 
 def in_ranges(
     robot: Robot, solutions: FloatArray, stated: FloatArray, previous: FloatArray | None
 ) -> tuple[BoolArray, FloatArray]:
-    """Add full turns to solutions (b, 6), so that the controller's angles are in their ranges.
+    """Add full turns to solutions (b, 6), so that the controller's angles are in stated ranges and limits.
 
-    Joint by joint from the base on, as a controller's angle depends on those before it at most.
+    Joints are treated from the base on, as a controller's angle depends at most on the angles before it.
 
     Args:
         robot: six revolute joints.
@@ -473,7 +486,7 @@ def in_ranges(
         previous: (6,) controller's angles to which the nearest are taken; None for zero.
 
     Returns:
-        (b,) whether all are in them, and the controller's angles (b, 6) [rad].
+        (b,) whether all angles of a solution are in their ranges, and the controller's angles (b, 6) [rad].
     """
     matrix, offset, limits = robot.joint_map.matrix, robot.joint_map.offset, robot.limits
     shown = np.zeros_like(solutions)

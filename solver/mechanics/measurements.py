@@ -34,7 +34,7 @@ instrument's."""
 
 @dataclass(frozen=True)
 class Instrument:
-    """A laser tracker at its station."""
+    """Laser tracker at its station, with the standard uncertainties of its readings."""
 
     station: tuple[float, float, float]  #: place of the station, in R0 [m]
     range_constant: float  #: a [m]
@@ -43,16 +43,16 @@ class Instrument:
     transverse_per_distance: float  #: e [m/m]
 
     def covariance(self, places: FloatArray) -> FloatArray:
-        """Σ = σ_t² I + (σ_r² − σ_t²) u uᵀ, u the line of sight.
+        """Return the covariance of a reading: Σ = σ_t² I + (σ_r² − σ_t²) u uᵀ, u the line of sight.
 
         Args:
-            places: (..., 3) of targets in R0 [m].
+            places: (..., 3) places of targets in R0 [m].
 
         Returns:
-            (..., 3, 3) covariance of a reading there, axes of R0 [m²].
+            (..., 3, 3) covariance of a reading at each place, axes of R0 [m²].
 
         Raises:
-            MeasurementError: a target is at the station, or the instrument is exact or far beyond any.
+            MeasurementError: a target is at the station, or the uncertainties are zero or implausible.
         """
         sight = places - np.array(self.station)
         distance = np.linalg.norm(sight, axis=-1)
@@ -79,7 +79,7 @@ class Instrument:
         return covariance
 
     def typical_sigma(self, places: FloatArray) -> float:
-        """Return the root mean square of the standard uncertainties of all coordinates (K, 3) [m]."""
+        """Return the root mean square [m] of the coordinates' standard uncertainties at places (K, 3) [m]."""
         covariance = self.covariance(places)
         return float(np.sqrt(np.trace(covariance, axis1=-2, axis2=-1).mean() / 3.0))
 
@@ -112,8 +112,9 @@ def whitener(covariance: FloatArray) -> FloatArray:
 
 
 def whitened(covariance: FloatArray, rows: FloatArray) -> FloatArray:
-    """Return rows (..., 3, k) of readings with a covariance (3, 3) or (..., 3, 3), in units of sigma."""
-    # Of most sets: one product instead of three. In another process it is an equal array, not the same one.
+    """Return rows (..., 3, k) whitened by a covariance (3, 3) or (..., 3, 3), so that noise is unit."""
+    # Most sets have this covariance, whose whitener is a number. Arrays are compared by value, as another
+    # process holds a copy of the constant.
     if np.array_equal(covariance, ISOTROPIC_DIFFERENCE):
         return np.asarray(rows / np.sqrt(2.0))
     return np.asarray(whitener(covariance) @ rows)
@@ -121,20 +122,20 @@ def whitened(covariance: FloatArray, rows: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class DifferenceNoise:
-    """Stated noise of N observations of T targets as `Measurements` takes it."""
+    """Stated noise of the deflections of N observations of T targets, as `Measurements` takes it."""
 
     #: root mean square, over the coordinates of all readings, of the standard uncertainty of a position
-    #: [m]. It only is the unit of `covariance`: no estimate depends on it.
+    #: [m]; only the unit of `covariance`, on which no estimate depends
     sigma: float
     covariance: FloatArray  #: (N, T, 3, 3) covariance of the deflections, in units of sigma²
 
     @classmethod
     def of(cls, unloaded: FloatArray, loaded: FloatArray, coordinates: IndexArray) -> DifferenceNoise:
-        """Both readings count: Σ_d = Σ_unloaded + Σ_loaded.
+        """Return the noise of deflections, the differences of two readings: Σ_d = Σ_unloaded + Σ_loaded.
 
         Args:
             unloaded: (N, T, 3, 3) covariance of the positions before the load [m²].
-            loaded: (N, T, 3, 3) under load [m²].
+            loaded: (N, T, 3, 3) covariance of the positions under load [m²].
             coordinates: (N, T) number of coordinates that each reading shows.
         """
         total = unloaded + loaded
@@ -146,16 +147,16 @@ class DifferenceNoise:
 
     @classmethod
     def by(cls, instrument: Instrument, robot: Robot, plain: Measurements) -> DifferenceNoise:
-        """Return the noise of measurements that were read by an instrument."""
+        """Return the noise of measurements without stated noise that an instrument read."""
         return cls.of(*position_covariances(instrument, robot, plain), plain.coordinates)
 
 
 def position_covariances(
     instrument: Instrument, robot: Robot, plain: Measurements
 ) -> tuple[FloatArray, FloatArray]:
-    """(N, T, 3, 3) covariances [m²] of the unloaded and the loaded positions that an instrument read.
+    """Return the covariances (N, T, 3, 3) [m²] of unloaded and of loaded positions that an instrument read.
 
-    Targets that are given in the flange frame stand where the model says.
+    Targets that are given in the flange frame are placed in R0 by the robot's model.
     """
     places = plain.position
     if plain.in_flange.any():
@@ -166,27 +167,30 @@ def position_covariances(
 
 
 def at_read_places(places: FloatArray, present: BoolArray) -> FloatArray:
-    """Put targets that were not read, which have no place, where one was read: it does not matter where."""
+    """Return places (N, T, 3) with those of unread targets replaced by the place of a target that was read.
+
+    Unread targets have no place, but covariances are computed for all: any valid place serves.
+    """
     return np.where(present[..., None], places, places[present][0])
 
 
 def first_equal(keys: FloatArray) -> IndexArray:
-    """Return the first row (N,) that equals each row of keys (N, k)."""
+    """Return, for each row of keys (N, k), the index (N,) of the first row with the same numbers."""
     first: dict[bytes, int] = {}
-    # Adding zero leaves no negative zeros.
+    # Adding zero turns negative zeros into positive zeros, whose bytes differ.
     return np.array([first.setdefault(row.tobytes(), i) for i, row in enumerate(keys + 0.0)])
 
 
 def refuse_no_covariance(covariance: FloatArray, present: BoolArray, field: str) -> None:
-    """Refuse matrices that are no covariance of anything.
+    """Refuse matrices that are not symmetric and positive definite within rounding.
 
     Args:
-        covariance: (N, T, 3, 3) [any unit].
-        present: (N, T) which of them count.
-        field: of a reading, for the message.
+        covariance: (N, T, 3, 3) covariances of readings [any unit].
+        present: (N, T) which of the readings count.
+        field: name of a reading's field that holds the covariance, for the message.
 
     Raises:
-        MeasurementError: the first that is not symmetric and positive definite within rounding.
+        MeasurementError: a matrix is not a covariance; the error names the first such reading.
     """
     skew = np.abs(covariance - covariance.mT).max(axis=(-1, -2))
     values = np.linalg.eigvalsh(covariance)
@@ -229,7 +233,7 @@ class EncoderReadings:
         self.present.setflags(write=False)
 
     def __getitem__(self, rows: slice | IndexArray) -> EncoderReadings:
-        """Select observations, in the given order."""
+        """Return the readings of the selected observations, in the given order."""
         return EncoderReadings(self.deflection[rows], self.present[rows], self.sigma)
 
 
@@ -249,7 +253,7 @@ class CommonUncertainty:
     both about the axes of R0. Load and targets are off their stated places in the flange frame.
 
     Raises:
-        MeasurementError: one is negative or not finite.
+        MeasurementError: an uncertainty is negative or not finite.
     """
 
     scale: float = 0.0  #: standard uncertainty of ε, dimensionless
@@ -265,13 +269,16 @@ class CommonUncertainty:
 
     @property
     def stated(self) -> CommonUncertainty:
-        """Return what was stated: an assumed error is the same in campaigns under one hook and load cell."""
+        """Return these uncertainties without assumed ones.
+
+        In campaigns with the same hook and load cell, the assumed errors are equal and cancel on comparison.
+        """
         place = 0.0 if "load_point" in self.assumed else self.load_point
         scale = 0.0 if "force_scale" in self.assumed else self.scale
         return replace(self, load_point=place, scale=scale, assumed=frozenset())
 
     def source(self, term: str) -> str:
-        """Return the source of uncertainty that a budget names for a term: what was not stated is assumed."""
+        """Return a term's name in uncertainty budgets: with the prefix `assumed_` if it was not stated."""
         return f"assumed_{term}" if term in self.assumed else term
 
     def __post_init__(self) -> None:
@@ -296,14 +303,15 @@ EXACT: Final = CommonUncertainty()
 
 
 def shown_along(direction: FloatArray | None, motion: FloatArray) -> FloatArray:
-    """Return the motion of targets, of those that are read along a direction the part along it.
+    """Return what readings show of the targets' motion: all of it, or the part along a reading's direction.
 
-    A reading along n is the least-squares row ``nᵀ δp``. The three rows ``n nᵀ δp`` of isotropic noise have
-    the same square, so that all that works with vectors works with them (method.md §3).
+    A reading along n is the least-squares row ``nᵀ δp``. Three rows ``n nᵀ δp`` with isotropic noise have the
+    same square, so that such readings can be handled like vectors (method.md §3).
 
     Args:
-        direction: (N, T, 3) unit vectors, zero for readings of all three coordinates; None for those alone.
-        motion: (N, T, 3) or (N, T, 3, k).
+        direction: (N, T, 3) unit vectors, zero for readings of all three coordinates; None if no reading is
+            along a direction.
+        motion: (N, T, 3) or (N, T, 3, k), axes of R0.
     """
     if direction is None:
         return motion
@@ -359,15 +367,15 @@ class Measurements:
         count, targets = self.present.shape
         if count == 0 or targets == 0:
             raise MeasurementError("no observation", remedy="give at least one observation")
-        object.__setattr__(self, "labels", _place_named("labels", self.labels, count))
-        object.__setattr__(self, "targets", _place_named("targets", self.targets, targets))
+        object.__setattr__(self, "labels", _names_or_numbers("labels", self.labels, count))
+        object.__setattr__(self, "targets", _names_or_numbers("targets", self.targets, targets))
         if self.sigma is not None and not (np.isfinite(self.sigma) and self.sigma > 0):
             raise MeasurementError(
                 f"sigma must be positive, but is {self.sigma} m",
                 where="noise.sigma",
                 remedy="give a positive length; omit `noise` to estimate it from the residuals",
             )
-        for name, shape in self._by_row.items():
+        for name, shape in self._row_shapes.items():
             check_array(name, getattr(self, name), (count, *shape))
         if self.covariance.ndim == 2:
             check_array("covariance", self.covariance, (3, 3))
@@ -384,8 +392,11 @@ class Measurements:
             )
 
     @property
-    def _by_row(self) -> dict[str, tuple[int, ...]]:
-        """Return the shape of a row of each array that is there and has one for each observation."""
+    def _row_shapes(self) -> dict[str, tuple[int, ...]]:
+        """Return, by name, the shape of an observation's row in each array with a row for each observation.
+
+        Optional arrays that are None are left out.
+        """
         targets = self.present.shape[1:]
         shapes = {"joints": self.joints.shape[-1:], "covariance": (*targets, 3, 3)}
         shapes |= dict.fromkeys(("force", "moment", "load_point"), (3,))
@@ -399,15 +410,15 @@ class Measurements:
 
     @property
     def encoder_lever(self) -> float:
-        """Length on which an encoder's deflection weighs like a target's [m]; 0 without encoders.
+        """Lever [m] by which an encoder's deflection is weighted like that of a target; 0 without encoders.
 
-        A target on that lever moves by ``lever · δθ``, and tells as much of the joint as the encoder.
+        A target on that lever moves by ``lever · δθ``, and determines the joint as well as the encoder does.
         """
         return 0.0 if self.encoders is None or self.sigma is None else self.sigma / self.encoders.sigma
 
     @property
     def coordinates(self) -> IndexArray:
-        """(N, T) number of coordinates that each reading shows: 3, 1 along a direction, 0 of none."""
+        """(N, T) number of coordinates that each reading shows: 3, 1 along a direction, 0 if not read."""
         along = False if self.direction is None else self.direction.any(axis=-1)
         return np.where(self.present, np.where(along, 1, 3), 0)
 
@@ -419,20 +430,20 @@ class Measurements:
         return len(self.joints)
 
     def place(self, row: int) -> str:
-        """Return the place of an observation, as messages name it."""
+        """Return the name of the observation at this index in messages, with its label."""
         return f"observations[{row}] '{self.labels[row]}'"
 
     @property
     def is_unloaded(self) -> bool:
-        """Tell whether all readings are positions without a load."""
+        """Return whether all readings are positions without load."""
         return self.unloaded_only is not None and not self.present.any()
 
     def with_loads(self) -> Measurements:
-        """Return the readings, if all of them are deflections by loads.
+        """Return these measurements, after checking that every reading has a position under load.
 
         Raises:
-            MeasurementError: some positions are without load; with the first of them.
-            RequestError: all positions are without load.
+            MeasurementError: some readings have no position under load; the error names the first.
+            RequestError: no reading has a position under load.
         """
         if self.unloaded_only is None:
             return self
@@ -454,22 +465,27 @@ class Measurements:
         )
 
     def evenly(self, most: int) -> Measurements:
-        """Return at most so many of the observations, evenly spread; the set itself if it has no more."""
+        """Return at most `most` observations, evenly spread over the set; the whole set if it is as small."""
         count = len(self)
         return self if count <= most else self[np.arange(most) * (count - 1) // max(most - 1, 1)]
 
     def __getitem__(self, rows: slice | IndexArray) -> Measurements:
-        """Some of the observations, in the given order."""
-        parts = {name: getattr(self, name)[rows] for name in self._by_row}
+        """Return the measurements of the selected observations, in the given order."""
+        parts = {name: getattr(self, name)[rows] for name in self._row_shapes}
         encoders = None if self.encoders is None else self.encoders[rows]
         labels = tuple(self.labels[i] for i in np.arange(len(self))[rows].tolist())
         return replace(self, **parts, encoders=encoders, labels=labels)
 
 
-def _place_named(where: str, names: tuple[str, ...], count: int) -> tuple[str, ...]:
+def _names_or_numbers(where: str, names: tuple[str, ...], count: int) -> tuple[str, ...]:
+    """Return the names given, or "1", "2", … if there are none.
+
+    Raises:
+        MeasurementError: the number of names is not `count`.
+    """
     if names and len(names) != count:
         raise MeasurementError(
-            f"there are {len(names)} {where} for {count} of them",
+            f"{len(names)} {where} are given, but {count} are needed",
             where=where,
             remedy="give one label for each observation, and one name for each target",
         )
@@ -477,10 +493,10 @@ def _place_named(where: str, names: tuple[str, ...], count: int) -> tuple[str, .
 
 
 def check_array(name: str, array: npt.NDArray[np.generic], shape: tuple[int, ...]) -> None:
-    """Make an array read-only, unless it has another shape or a number that is not finite.
+    """Check the shape of an array and that its numbers are finite, and make it read-only.
 
     Raises:
-        MeasurementError: naming it.
+        MeasurementError: the shape is another, or a number is not finite; the error names the array.
     """
     if array.shape != shape:
         raise MeasurementError(

@@ -17,14 +17,14 @@ from jointstiff.solver.mechanics.robot import Robot, in_configuration_space
 WRIST_JOINTS: Final = 3
 """Number of joints of a wrist: the last ones of the robot."""
 _SMALL_SINE: Final = 0.5
-"""Sine of a turn, below which it tells the angle as well as all of the rotation does."""
-# A C library that has freed so much at once reuses what smaller arrays leave. Pages that were returned to the
-# system and requested again took half of the time.
+"""Sine of an angle of rotation below which the arcsine gives the angle to all digits."""
+# Allocating and freeing a large array once makes the C library keep the memory of smaller arrays for reuse.
+# Returning pages to the system and requesting them again took half of the time.
 np.empty(16 * 1024 * 1024, dtype=np.uint8)
 
 
 class Postures:
-    """Kinematics of N configurations of one robot, computed once, when they are needed first.
+    """Kinematics of N configurations of one robot; each array is computed when first needed, and kept.
 
     All arrays are read-only.
     """
@@ -52,13 +52,13 @@ class Postures:
 
     @cached_property
     def _kinematics(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Spatial Jacobians (N, 6, n) and the flange's placement (N, 3, 3), (N, 3) in R0."""
+        """Spatial Jacobians (N, 6, n), and the flange's rotations (N, 3, 3) and places (N, 3) [m] in R0."""
         model, count, last = self._robot.model, len(self.q), self._robot.n
         jacobian, rotation = np.empty((count, 6, last)), np.empty((count, 3, 3))
         translation = np.empty((count, 3))
-        data = model.createData()  # of its own, so that threads share no results
+        data = model.createData()  # own results, so that threads do not share them
         J, place = data.J.reshape(6, last), data.oMi[last]  # (6,) of one joint
-        R, t = place.rotation, place.translation  # views, as J is, of what each call computes anew
+        R, t = place.rotation, place.translation  # like J, views of results that each call computes anew
         for i, q in enumerate(in_configuration_space(model, self.q)):
             pin.computeJointJacobians(model, data, q)
             jacobian[i], rotation[i], translation[i] = J, R, t
@@ -88,7 +88,7 @@ class Postures:
 
     @cached_property
     def placement_motions(self) -> FloatArray:
-        """(N, n, 6, 6) spatial motion of all that a joint carries, by small motions of its placement.
+        """(N, n, 6, 6) spatial motion of everything that a joint carries, by small motions of its placement.
 
         Columns are translations along, then rotations about the axes of the joint's frame before it moves [m,
         rad]; rows are as in `jacobian`.
@@ -103,19 +103,19 @@ class Postures:
 
     @property
     def axis_motions(self) -> FloatArray:
-        """(N, n, 6, 6) the same by small motions of the joint's axis alone.
+        """(N, n, 6, 6) spatial motion of everything that a joint carries, by small motions of its axis alone.
 
-        At position zero of the joint nothing else moves: what the axis does before the joint's own motion is
-        undone behind it.
+        The joint's frame moves before the joint turns, and moves back behind it, so that at position zero of
+        the joint nothing else moves. Rows and columns are as in `placement_motions`.
         """
         return np.asarray(self.placement_motions - frame_motions(*self.joint_frames))
 
     @cached_property
     def weight_levers(self) -> FloatArray:
-        """(N, n, n, 4, 3) torque on joint j by link l [m], under a gravity of one along each axis of R0.
+        """(N, n, n, 4, 3) torque on joint j by the mass of link l, under unit gravity along each axis of R0.
 
-        By a kilogram at the origin of the link's frame, then by a kg·m along each of its axes; zero where
-        l < j. For a force at a point of the link they are the Jacobian of the point.
+        The four columns are torques by 1 kg at the origin of the link's frame, then by a first moment of
+        1 kg·m along each axis of the frame; zero where l < j.
         """
         (count, n), joints = self.q.shape, in_configuration_space(self._robot.model, self.q)
         levers = np.empty((count, n, n, 4, 3))
@@ -145,7 +145,7 @@ class Postures:
 
     @property
     def flange_rotation(self) -> FloatArray:
-        """(N, 3, 3) axes of the flange in R0."""
+        """(N, 3, 3) rotations from the flange frame to R0."""
         return self._kinematics[1]
 
     @property
@@ -154,12 +154,12 @@ class Postures:
         return self._kinematics[2]
 
     def flange_placement(self, posture: int) -> pin.SE3:
-        """Return the flange frame in R0 in one of the postures [m]."""
+        """Return the transform from the flange frame to R0 in the posture of this index [m]."""
         return pin.SE3(self.flange_rotation[posture], self.flange_translation[posture])
 
     @property
     def flange_pose(self) -> FloatArray:
-        """(N, 4, 4) of the flange in R0 [m]."""
+        """(N, 4, 4) homogeneous transforms from the flange frame to R0 [m]."""
         poses = np.tile(np.eye(4), (len(self), 1, 1))
         poses[:, :3, :3], poses[:, :3, 3] = self.flange_rotation, self.flange_translation
         return poses
@@ -168,7 +168,7 @@ class Postures:
         return len(self.q)
 
     def jacobian_at(self, points: FloatArray) -> FloatArray:
-        """Return J_v of the flange-fixed points now at the given places (method.md §1).
+        """Return the velocity Jacobian J_v of points fixed to the flange, now at given places (method.md §1).
 
         Column j is ``a_j × (x - o_j)``, or a_j of a prismatic joint; the spatial Jacobian holds
         ``-a_j × o_j`` already.
@@ -189,12 +189,12 @@ class Postures:
         return out.transpose(3, 0, 1, 2)
 
     def load(self, point: FloatArray, force: FloatArray, moment: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return what loads do to the joints.
+        """Return the Jacobians at the load points, and the joint torques of loads.
 
         Args:
-            point: (N, 3) where the forces act, flange frame [m].
-            force: (N, 3) on the robot, axes of R0 [N].
-            moment: (N, 3) on the robot about the load point, axes of R0 [N·m].
+            point: (N, 3) load point where the force acts, flange frame [m].
+            force: (N, 3) force on the robot, axes of R0 [N].
+            moment: (N, 3) moment on the robot about the load point, axes of R0 [N·m].
 
         Returns:
             (N, 3, n) J_v at the load points [m/rad], and (N, n) torques [N·m].
@@ -203,7 +203,10 @@ class Postures:
         return jacobian, self.joint_torque(jacobian, force, moment)
 
     def joint_torque(self, load_jacobian: FloatArray, force: FloatArray, moment: FloatArray) -> FloatArray:
-        """``τ = J_v(q, p_W)ᵀ F + J_ω(q)ᵀ M`` (method.md §2; paper, eq. 12), with J_v as `load` returns it."""
+        """Return the joint torques (N, n) [N·m] of loads: ``τ = J_v(q, p_W)ᵀ F + J_ω(q)ᵀ M`` (method.md §2).
+
+        J_v is the Jacobian at the load points as `load` returns it (paper, eq. 12).
+        """
         by_force = np.einsum("nij,ni->nj", load_jacobian, force)
         return np.asarray(by_force + np.einsum("nij,ni->nj", self.angular_jacobian, moment))
 
@@ -217,7 +220,7 @@ class Postures:
         return np.asarray((points - self.flange_translation[:, None]) @ self.flange_rotation)
 
     def pose_jacobian_at(self, points: FloatArray) -> FloatArray:
-        """Return Jacobians (N, 6, n) of one point (N, 1, 3) of the flange and its rotation, axes of R0."""
+        """Return Jacobians (N, 6, n) of a flange point (N, 1, 3) [m], then of the rotation, axes of R0."""
         return np.concatenate([self.jacobian_at(points)[:, 0], self.angular_jacobian], axis=1)
 
 
@@ -226,7 +229,7 @@ def frame_motions(rotation: FloatArray, origin: FloatArray) -> FloatArray:
 
     Args:
         rotation: (..., 3, 3) axes of the frames in R0.
-        origin: (..., 3) their origins [m].
+        origin: (..., 3) origins of the frames in R0 [m].
     """
     motions = np.zeros((*rotation.shape[:-2], 6, 6))
     motions[..., :3, :3] = motions[..., 3:, 3:] = rotation
@@ -236,14 +239,14 @@ def frame_motions(rotation: FloatArray, origin: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Wrist:
-    """The point nearest to the last three axes, about which their joints turn."""
+    """Wrist of a robot: the point nearest to the last three joint axes."""
 
     #: greatest miss distance of a spherical wrist [m]; under 10 mrad of deflection it moves the centre by 5
     #: µm
     TOLERANCE: ClassVar[float] = 0.5e-3
 
     centre: FloatArray  #: (3,) wrist centre in the flange frame [m]
-    miss_distance: float  #: greatest distance of one of the axes from it [m]
+    miss_distance: float  #: greatest distance of an axis from the centre [m]
 
     @property
     def spherical(self) -> bool:
@@ -252,10 +255,10 @@ class Wrist:
 
 
 def find_wrist(robot: Robot) -> Wrist | None:
-    """Find the point of least squared distance to the last three axes.
+    """Find the wrist centre: the point of least squared distance to the last three axes.
 
-    If they meet in one configuration they meet in all: neighbouring axes keep their distance and the
-    foot of their common perpendicular. One configuration therefore suffices.
+    One configuration suffices: axes that meet in one configuration meet in all, as neighbouring axes keep
+    their common perpendicular.
 
     Returns:
         The wrist, or None if there are fewer than three joints, one of the last three slides, or the point
@@ -277,7 +280,7 @@ def find_wrist(robot: Robot) -> Wrist | None:
 
 
 def skew(v: FloatArray) -> FloatArray:
-    """Cross-product matrices (..., 3, 3) of vectors (..., 3)."""
+    """Return the cross-product matrices (..., 3, 3) of vectors (..., 3)."""
     out = np.zeros((*v.shape, 3))
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
     out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
@@ -286,10 +289,10 @@ def skew(v: FloatArray) -> FloatArray:
 
 
 def rotation_vectors(to: FloatArray, from_: FloatArray) -> FloatArray:
-    """Return rotation vectors (N, 3) [rad] that turn axes (N, 3, 3) into others, in the frame of both.
+    """Return rotation vectors (N, 3) [rad] that turn rotations `from_` (N, 3, 3) into rotations `to`.
 
-    The antisymmetric part of a rotation is its axis times the sine of its angle, which tells a small angle to
-    all digits.
+    Vectors are in the frame to which the rotations lead. Small angles are taken from the antisymmetric part
+    of the rotation between them, axis times sine, which keeps all digits.
     """
     t, f = to.transpose(1, 2, 0), from_.transpose(1, 2, 0)
     vectors = np.empty((3, len(to)))

@@ -24,12 +24,12 @@ WORST_CONDITION: Final = 1e8
 """Condition number of a joint map's matrix above which it counts as singular."""
 
 STATED_BY_DEFAULT: Final = 0.2
-"""Relative half-width of a mass whose uncertainty nobody states."""
+"""Relative half-width of a mass whose uncertainty is not stated."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointMap:
-    """Map the controller's joint positions q_c to those of the model, q = M q_c + o (method.md §1).
+    """Map from the controller's joint positions q_c to the model's, q = M q_c + o (method.md §1).
 
     Arrays are copied and read-only.
 
@@ -70,7 +70,7 @@ class JointMap:
 
     @classmethod
     def identity(cls, n: int) -> JointMap:
-        """Return the map for n joints whose controller angles are the model's."""
+        """Return the joint map of n joints whose controller angles equal the model's angles."""
         return cls(np.eye(n), np.zeros(n))
 
     @classmethod
@@ -96,18 +96,18 @@ class JointMap:
         return len(self.offset)
 
     def model_angles(self, controller: FloatArray) -> FloatArray:
-        """Map positions (N, n) that the controller shows to those of the model, both [rad or m]."""
+        """Return the model's positions (N, n) for those that the controller shows (N, n) [rad or m]."""
         return np.asarray(controller @ self.matrix.T + self.offset)
 
     def controller_angles(self, model: FloatArray) -> FloatArray:
-        """Return the positions (..., n) that the controller shows of those of the model, both [rad or m]."""
+        """Return the positions that the controller shows for the model's positions (..., n) [rad or m]."""
         wanted = (model - self.offset).reshape(-1, self.n)  # columns of one system: factorised once
         return np.asarray(np.linalg.solve(self.matrix, wanted.T)).T.reshape(model.shape)
 
 
 @dataclass(frozen=True)
 class Body:
-    """A body of a robot, as people state it or a URDF has it, and how well it is known."""
+    """Body of a robot with mass and centre of mass, and bounds of both."""
 
     name: str  #: for messages
     joint: int  #: index of the joint that carries it
@@ -115,7 +115,7 @@ class Body:
     least: float  #: bound of the mass from below [kg]
     most: float  #: bound of the mass from above [kg]
     centre: tuple[float, float, float]  #: centre of mass s in the frame that moves with the joint [m]
-    radius: float = 0.0  #: R, how far from it the centre of mass may lie [m]
+    radius: float = 0.0  #: R, how far the true centre of mass may be from `centre` [m]
 
     @classmethod
     def within(
@@ -128,15 +128,15 @@ class Body:
         relative: float = STATED_BY_DEFAULT,
         radius: float = 0.0,
     ) -> Body:
-        """Return a body whose mass is known to a relative half-width; 0 for exactly."""
+        """Return a body whose mass is known within ± a relative half-width; 0 for an exact mass."""
         return cls(name, joint, mass, (1.0 - relative) * mass, (1.0 + relative) * mass, centre, radius)
 
 
 class Robot:
-    """A serial arm: Pinocchio's model, the joint map, and bodies. Take all as read-only.
+    """Serial arm: Pinocchio's model, the joint map, and bodies. All attributes are read-only.
 
-    `model` is the only statement of the kinematics: whoever needs a Jacobian, a frame or a torque of a weight
-    gives it to Pinocchio. Its universe is R0. Positions of its joints (n,) are in rad or m, by their kinds.
+    `model` alone defines the kinematics: Jacobians, frames and torques of weights are computed from it by
+    Pinocchio. Its universe is R0. Positions of its joints (n,) are in rad or m, by their kinds.
     """
 
     model: pin.Model  #: n joints in one line, each about or along one axis
@@ -173,7 +173,7 @@ class Robot:
         """
         if list(model.parents)[1:] != list(range(model.njoints - 1)):
             raise RobotError(
-                "the model branches",
+                "the kinematic model branches",
                 where="robot",
                 remedy="reduce it to the arm: pinocchio.buildReducedModel",
             )
@@ -192,12 +192,12 @@ class Robot:
                 remedy=f"give a {n} × {n} matrix and {n} offsets",
                 where="joint_map.matrix",
             )
-        self.joint_kinds, axes = zip(*(_kind_and_axis(model, i) for i in range(1, n + 1)), strict=True)
+        self.joint_kinds, axes = zip(*(_read_kind_and_axis(model, i) for i in range(1, n + 1)), strict=True)
         self.axes = np.array(axes)
         self.prismatic = np.array([kind == "prismatic" for kind in self.joint_kinds])
-        self.limits = np.array([_limits(model, i) for i in range(1, n + 1)])
+        self.limits = np.array([_read_limits(model, i) for i in range(1, n + 1)])
         self.limits.setflags(write=False)
-        self._flange_frame = frame = _flange_frame(model, flange)
+        self._flange_frame = frame = _find_flange_frame(model, flange)
         self.flange, self.flange_placement = frame.name, frame.placement
 
     def joint_index(self, name: str, where: str) -> int:
@@ -216,7 +216,7 @@ class Robot:
 
     @cached_property
     def chain(self) -> KinematicChain:
-        """Return the chain as files state it: the joints of the model, and a fixed one to the flange.
+        """Return the kinematic chain for files: the joints of the model, and a fixed joint to the flange.
 
         Raises:
             RobotError: a name of the model is unfit for a file.
@@ -240,26 +240,26 @@ class Robot:
         return KinematicChain(self.model.name or "robot", links.get(0, "base"), self.flange, tuple(joints))
 
     def by_kind(self, turning: float, sliding: float) -> FloatArray:
-        """Return a number for each joint (n,): one of angles, one of the lengths of prismatic joints."""
+        """Return (n,) numbers by kind of joint: `turning` for revolute, `sliding` for prismatic joints."""
         return np.where(self.prismatic, sliding, turning)
 
     def within_limits(self, joints: FloatArray) -> BoolArray:
-        """Return which postures (N, n) of the controller lie within the limits of the model's joints (N,)."""
+        """Return which postures (N,) are within the joint limits; `joints` (N, n) are the controller's."""
         model = self.joint_map.model_angles(joints)
         inside = (model >= self.limits[:, 0] - _ROUNDING) & (model <= self.limits[:, 1] + _ROUNDING)
         return np.asarray(inside.all(axis=1), dtype=np.bool_)
 
     def in_whole_units(self, joints: FloatArray) -> FloatArray:
-        """Return positions (N, n) [rad or m] in whole degrees, and in whole mm of prismatic joints."""
+        """Return positions (N, n) [rad or m] rounded to whole degrees, or mm of prismatic joints."""
         degrees: FloatArray = np.radians(np.round(np.degrees(joints)))
         return np.where(self.prismatic, np.round(joints * 1e3) / 1e3, degrees)
 
 
-def _kind_and_axis(model: pin.Model, index: int) -> tuple[JointKind, FloatArray]:
+def _read_kind_and_axis(model: pin.Model, index: int) -> tuple[JointKind, FloatArray]:
     """Return the kind of a joint of one degree of freedom, and its axis (3,) in its frame.
 
     Raises:
-        RobotError: it has several degrees, or moves otherwise than about or along an axis.
+        RobotError: the joint does not move about or along a single axis.
     """
     joint, motion = model.joints[index], np.zeros(6)
     if joint.nv == 1:
@@ -278,8 +278,8 @@ def _kind_and_axis(model: pin.Model, index: int) -> tuple[JointKind, FloatArray]
     return kind, axis / np.linalg.norm(axis)
 
 
-def _limits(model: pin.Model, index: int) -> tuple[float, float]:
-    """Return the limits of a joint [rad or m], infinite where it has none."""
+def _read_limits(model: pin.Model, index: int) -> tuple[float, float]:
+    """Return the least and greatest position of a joint [rad or m]; infinite without a limit."""
     joint = model.joints[index]
     if joint.nq != 1:  # Pinocchio states an unbounded angle as its cosine and sine
         return -np.inf, np.inf
@@ -287,11 +287,13 @@ def _limits(model: pin.Model, index: int) -> tuple[float, float]:
     return lower if lower > -UNLIMITED else -np.inf, upper if upper < UNLIMITED else np.inf
 
 
-def _flange_frame(model: pin.Model, flange: str | None) -> pin.Frame:
-    """Return the frame that is the flange: the one of that name, the only tip, or the last joint's own.
+def _find_flange_frame(model: pin.Model, flange: str | None) -> pin.Frame:
+    """Return the flange frame: the frame of the given name, the only tip, or the last joint's own frame.
+
+    A tip is a frame behind the last joint to which no other frame is attached.
 
     Raises:
-        RobotError: there is no such frame behind the last joint, or several may be it.
+        RobotError: no frame of that name is behind the last joint, or there are several tips.
     """
     behind = [
         (number, frame)
@@ -305,7 +307,9 @@ def _flange_frame(model: pin.Model, flange: str | None) -> pin.Frame:
         return tips[0]
     if behind or flange is not None:
         raise RobotError(
-            f"'{flange}' is no frame behind the last joint" if flange else "several frames may be the flange",
+            f"the robot has no frame '{flange}' behind the last joint"
+            if flange
+            else "several frames may be the flange",
             where="flange",
             remedy=f"use one of {', '.join(frame.name for _, frame in behind)}",
         )
@@ -314,17 +318,23 @@ def _flange_frame(model: pin.Model, flange: str | None) -> pin.Frame:
 
 
 def in_configuration_space(model: pin.Model, q: FloatArray) -> FloatArray:
-    """Return Pinocchio's configurations (N, nq) of positions (N, n); an unbounded angle takes two numbers."""
+    """Return Pinocchio's configurations (N, nq) for joint positions (N, n) [rad or m].
+
+    Pinocchio states an unbounded angle by two numbers, its cosine and sine.
+    """
     if model.nq == model.nv:
         return q
     neutral = pin.neutral(model)
     return np.array([pin.integrate(model, neutral, each) for each in q])
 
 
-def with_weights(model: pin.Model, mass: FloatArray, centre: FloatArray, gravity: FloatArray) -> pin.Model:
-    """Return the model with other masses (n,) [kg], centres of mass (n, 3) [m], and gravity (3,) [m/s²].
+def copy_with_weights(
+    model: pin.Model, mass: FloatArray, centre: FloatArray, gravity: FloatArray
+) -> pin.Model:
+    """Return a copy of the model with masses (n,) [kg], centres of mass (n, 3) [m], and gravity (3,) [m/s²].
 
-    The centres are in the frames that move with the joints. Moments of inertia are zero: no arm moves here.
+    The centres are in the frames that move with the joints. Moments of inertia are zero, as
+    only postures at rest are computed.
     """
     model = model.copy()
     for i, (each, place) in enumerate(zip(mass, centre, strict=True), 1):
@@ -333,32 +343,32 @@ def with_weights(model: pin.Model, mass: FloatArray, centre: FloatArray, gravity
     return model
 
 
-def standing_still(robot: Robot, held: FloatArray) -> Robot:
-    """Return the robot without its prismatic joints, fixed where the controller shows them.
+def fix_prismatic_joints(robot: Robot, held: FloatArray) -> Robot:
+    """Return the robot with its prismatic joints fixed where the controller shows them.
 
     Args:
         robot: n joints.
-        held: (n,) as the controller shows them; those of the revolute joints do not matter.
+        held: (n,) joint positions as the controller shows them; those of revolute joints are ignored.
 
     Raises:
-        RobotError: no joint is left, or a prismatic one moves with others of the controller.
+        RobotError: no joint is left, or a prismatic joint moves with a revolute joint of the controller.
     """
     matrix, offset, slides = robot.joint_map.matrix, robot.joint_map.offset, robot.prismatic
     if matrix[np.ix_(slides, ~slides)].any():
         raise RobotError(
-            "a linear axis moves with a rotary axis of the controller, so it cannot stand still",
-            remedy="give a joint map whose rows of prismatic joints have entries of such joints only",
+            "a linear axis moves with a rotary axis of the controller, so the linear axis cannot stand still",
+            remedy="give a joint map in which prismatic joints depend on prismatic joints only",
             where="joint_map.matrix",
         )
     by_held = matrix[:, slides] @ held[slides] + offset
     at = in_configuration_space(robot.model, np.where(slides, by_held, 0.0)[None])[0]
     fixed = (np.flatnonzero(slides) + 1).tolist()
     joint_map = JointMap(matrix[np.ix_(~slides, ~slides)], by_held[~slides])
-    return Robot(pin.buildReducedModel(_with_frames(robot), fixed, at), joint_map, flange=robot.flange)
+    return Robot(pin.buildReducedModel(_add_frames(robot), fixed, at), joint_map, flange=robot.flange)
 
 
-def _with_frames(robot: Robot) -> pin.Model:
-    """Return a copy of the model with frames of all joints and of the flange: reducing it needs them."""
+def _add_frames(robot: Robot) -> pin.Model:
+    """Return a copy of the model with frames of all joints and of the flange, which reducing needs."""
     model = robot.model.copy()
     for i, name in enumerate(robot.joint_names, 1):
         if not model.existFrame(name, pin.FrameType.JOINT):

@@ -22,21 +22,21 @@ from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.mechanics.block import Motion, RegressorBlock, Term, wrench_stiffness
 
 
-def _joints(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001  # linear
-    """Return ``A = J diag(τ)``, and ``diag(τ)`` behind the gearboxes."""
+def _bend_joints(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001  # linear
+    """Return the motion by joint compliances: ``J diag(τ)`` of targets, ``diag(τ)`` behind the gearboxes."""
     if block.measurements.encoders is None:
         return Motion(block.A)
     return Motion(block.A, block.torque[..., None] * np.eye(block.torque.shape[1]))
 
 
-def _turns(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001  # kinematics
-    """Return J, whatever the load."""
+def _turn_joints(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001  # kinematics
+    """Return the motion of the targets by a turn of each joint, J, whatever the load."""
     return Motion(block.jacobian)
 
 
-JOINTS = Term("joints", "rad/(N·m)", _joints)
-TURNS = Term("turns", "rad", _turns)
-"""A turn of each joint: the motion that a torque makes a deflection of."""
+JOINTS = Term("joints", "rad/(N·m)", _bend_joints)
+TURNS = Term("turns", "rad", _turn_joints)
+"""Motion by turns of the joints themselves, in rad, without regard to torques."""
 
 
 BASE: Final = -1
@@ -45,9 +45,9 @@ BASE: Final = -1
 
 @lru_cache(maxsize=64)
 def entries(size: int) -> tuple[IndexArray, IndexArray]:
-    """Rows and columns (size (size + 1) / 2,) of the entries: (0,0), (0,1), (1,1), (0,2), ...
+    """Return row and column indices of the entries of a symmetric matrix that make up its vector.
 
-    The order that Clarabel's triangle cone has.
+    There are size (size + 1) / 2, in the order (0,0), (0,1), (1,1), (0,2), … of Clarabel's triangle cone.
     """
     lower_rows, lower_columns = np.tril_indices(size)
     for indices in (lower_rows, lower_columns):
@@ -57,7 +57,10 @@ def entries(size: int) -> tuple[IndexArray, IndexArray]:
 
 @lru_cache(maxsize=64)
 def weights(size: int) -> FloatArray:
-    """1 for diagonal entries and √2 for the others, so that vectors have the matrices' inner product."""
+    """Return the factors of a symmetric matrix's entries in its vector: 1 on the diagonal, √2 elsewhere.
+
+    With them, the inner product of two vectors is that of the matrices.
+    """
     rows, columns = entries(size)
     weights: FloatArray = np.where(rows == columns, 1.0, np.sqrt(2.0))
     weights.setflags(write=False)
@@ -65,44 +68,47 @@ def weights(size: int) -> FloatArray:
 
 
 def products(moves: FloatArray, load: FloatArray) -> FloatArray:
-    """Return columns (..., k (k + 1) / 2) of ``moves C load``, both (..., k), by entries of a symmetric C."""
+    """Return the derivative of ``moves · C load`` by the vector of a symmetric matrix C (k, k).
+
+    `moves` and `load` are (..., k), the derivative is (..., k (k + 1) / 2); see `entries` for the vector.
+    """
     size = moves.shape[-1]
     i, j = entries(size)
-    # An entry off the diagonal represents two of the matrix, each 1/√2 of it.
+    # An entry of the vector off the diagonal represents two entries of the matrix, each 1/√2 as large.
     both: FloatArray = moves[..., i] * load[..., j] + moves[..., j] * load[..., i]
     return both * np.where(i == j, 0.5, 1.0 / weights(size))
 
 
-def _coupled(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001  # linear
-    """Bend joints by the torques about others, in the order of `entries`."""
+def _bend_coupled_joints(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001  # linear
+    """Return the motion by a full joint compliance (n, n): joints bend under torques about other joints."""
     return Motion(products(block.jacobian, block.torque[:, None, None]))
 
 
-def _links(frames: tuple[int, ...], block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
-    """Bend links behind some joints, or the base, each by 21 entries of its compliance."""
+def _bend_links(frames: tuple[int, ...], block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
+    """Return the motion by full compliances (6, 6) of links or base, 21 entries for each frame."""
     moves, wrench, _ = block.frames
     return Motion(np.concatenate([products(moves[j], wrench[j, :, None, None]) for j in frames], axis=-1))
 
 
-def _diagonal(frames: slice, block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
-    """Bend each link, or the base, along and about the axes of its frame: six compliances each."""
+def _bend_links_diagonally(frames: slice, block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
+    """Return the motion by diagonal compliances of links or base, six for each frame."""
     moves, wrench, _ = block.frames
     return Motion(np.concatenate(list((moves * wrench[:, :, None, None])[frames]), axis=-1))
 
 
-COUPLED_JOINTS = Term("coupled_joints", "rad/(N·m)", _coupled)
-DIAGONAL_LINKS = Term("links", "m/N, rad/(N·m)", partial(_diagonal, slice(BASE)))
-DIAGONAL_BASE = Term("base", "m/N, rad/(N·m)", partial(_diagonal, slice(BASE, None)))
-FULL_BASE = Term("full_base", "m/N, rad/(N·m)", partial(_links, (BASE,)))
+COUPLED_JOINTS = Term("coupled_joints", "rad/(N·m)", _bend_coupled_joints)
+DIAGONAL_LINKS = Term("links", "m/N, rad/(N·m)", partial(_bend_links_diagonally, slice(BASE)))
+DIAGONAL_BASE = Term("base", "m/N, rad/(N·m)", partial(_bend_links_diagonally, slice(BASE, None)))
+FULL_BASE = Term("full_base", "m/N, rad/(N·m)", partial(_bend_links, (BASE,)))
 
 
 def links_behind(frames: tuple[int, ...]) -> Term:
     """Return the term of full compliances (6, 6) of links behind some joints, or of the `BASE`."""
-    return Term("links", "m/N, rad/(N·m)", partial(_links, frames))
+    return Term("links", "m/N, rad/(N·m)", partial(_bend_links, frames))
 
 
 def complementary_stiffness(block: RegressorBlock) -> FloatArray:
-    """``K_c,jk = ∂τ_j/∂θ_k``, in the configurations of the block.
+    """Return the complementary stiffness ``K_c,jk = ∂τ_j/∂θ_k`` in the configurations of the block.
 
     With v_j = a_j × (p_W − o_j), a joint k before j turns a_j and v_j, and a joint k after j moves p_W by
     v_k: ``K_c,jk = F · (a_min(j,k) × v_max(j,k)) + [k < j] M · (a_k × a_j)``.
@@ -115,8 +121,8 @@ def complementary_stiffness(block: RegressorBlock) -> FloatArray:
     return wrench_stiffness(axes, block.load_jacobian, part.force, part.moment)
 
 
-def _neglected(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Return what the linear model leaves out, ``e = (A(c) − A) c``, in the unloaded configurations.
+def _compute_neglected_motion(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Return the motion that the linear model neglects, ``e = (A(c) − A) c``, in unloaded configurations.
 
     To second order in the deflection: the torques change by ``K_c δθ``, and on the way each axis turns with
     the joints before it and half of its own deflection, ``Ω_k = Σ_{j<k} a_j δθ_j + ½ a_k δθ_k``, hence
@@ -136,4 +142,4 @@ def _neglected(block: RegressorBlock, compliance: FloatArray) -> Motion:
     return Motion((softened + bent)[..., None], added[..., None])
 
 
-NEGLECTED_STIFFNESS = Term("complementary_stiffness", "1", _neglected)
+NEGLECTED_STIFFNESS = Term("complementary_stiffness", "1", _compute_neglected_motion)

@@ -20,63 +20,69 @@ from jointstiff.solver.mechanics.block import (
     Motion,
     RegressorBlock,
     Term,
-    by_torque,
+    move_by_torque,
     unloaded_postures,
 )
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements
 from jointstiff.solver.mechanics.postures import skew
 from jointstiff.solver.mechanics.robot import Robot
 
-_READ_AGAIN = "read a posture again without the load: if it is elsewhere, tracker or base moved"
+_READ_AGAIN = (
+    "read a posture again without the load: if the targets are elsewhere, the tracker or the base moved"
+)
 _SETTLED, _WOUND = 50.0, 3e-5
 """Torque [N·m], or winding of its spring [rad] where that is less, at which a gear lies against one side of
 its play; below it, in proportion. Makers state lost motion at 3 % of the rated torque, which winds a gear by
 30 µrad (Nabtesco RV-20E: 167 N·m at 49 N·m/arcmin; RV-320E: 3136 N·m at 980)."""
 
 
-def _load_point(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Move the load point by e along the flange's axes: it adds the moment e × F."""
+def _move_load_point(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Return the motion by an error e of the load point in the flange frame: it adds a moment e × F."""
     moment = -skew(block.measurements.force) @ block.postures.flange_rotation
-    return by_torque(block, compliance, block.postures.angular_jacobian.transpose(0, 2, 1) @ moment)
+    return move_by_torque(block, compliance, block.postures.angular_jacobian.transpose(0, 2, 1) @ moment)
 
 
-def _force_scale(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Scale all forces and moments."""
-    return by_torque(block, compliance, block.torque[..., None])
+def _scale_loads(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Return the motion by a relative error of all forces and moments."""
+    return move_by_torque(block, compliance, block.torque[..., None])
 
 
-def _force_direction(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Turn all forces and moments about the axes of R0: φ × F, φ × M."""
+def _turn_loads(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Return the motion by a turn φ of all forces and moments about the axes of R0: φ × F, φ × M."""
     part = block.measurements
     by_force = block.load_jacobian.transpose(0, 2, 1) @ -skew(part.force)
     by_moment = block.postures.angular_jacobian.transpose(0, 2, 1) @ -skew(part.moment)
-    return by_torque(block, compliance, by_force + by_moment)
+    return move_by_torque(block, compliance, by_force + by_moment)
 
 
-def _constant_force(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Add one force, axes of R0, to every load."""
-    return by_torque(block, compliance, block.load_jacobian.transpose(0, 2, 1))
+def _add_constant_force(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Return the motion by one constant force, axes of R0, added to every load."""
+    return move_by_torque(block, compliance, block.load_jacobian.transpose(0, 2, 1))
 
 
-def _load_zero(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Add one force, axes of the flange, to every load: the zero of a load cell that turns with it."""
+def _add_flange_force(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Return the motion by one constant force, axes of the flange, as of a load cell's wrong zero."""
     forces = block.load_jacobian.transpose(0, 2, 1) @ block.postures.flange_rotation
-    return by_torque(block, compliance, forces)
+    return move_by_torque(block, compliance, forces)
 
 
-def _stated(names: tuple[str, ...], common: CommonUncertainty) -> tuple[float, ...]:
+def _stated_uncertainties(names: tuple[str, ...], common: CommonUncertainty) -> tuple[float, ...]:
+    """Return the standard uncertainties that the readings state under these field names."""
     return tuple(getattr(common, name) for name in names)
 
 
 def _with_load_point(_: Robot, part: Measurements, error: FloatArray) -> Measurements:
+    """Return the measurements with every load point moved by an error (3,), flange frame [m]."""
     return replace(part, load_point=part.load_point + error)
 
 
 def _with_force(_: Robot, part: Measurements, force: FloatArray) -> Measurements:
+    """Return the measurements with a force (3,), axes of R0 [N], added to every load."""
     return replace(part, force=part.force + force)
 
 
 def _with_flange_force(robot: Robot, part: Measurements, force: FloatArray) -> Measurements:
+    """Return the measurements with a force (3,), axes of the flange [N], added to every load."""
     turned = unloaded_postures(robot, part).flange_rotation @ force
     return replace(part, force=part.force + turned)
 
@@ -84,19 +90,19 @@ def _with_flange_force(robot: Robot, part: Measurements, force: FloatArray) -> M
 LOAD_POINT = Term(
     "load_point",
     "m",
-    _load_point,
-    partial(_stated, ("load_point",)),
+    _move_load_point,
+    partial(_stated_uncertainties, ("load_point",)),
     suspected=True,
     under=_with_load_point,
     words="every load point moved by {} in the flange frame",
     remedy="measure the load point on the flange",
 )
-FORCE_SCALE = Term("force_scale", "1", _force_scale, partial(_stated, ("scale",)))
-FORCE_DIRECTION = Term("force_direction", "rad", _force_direction, partial(_stated, ("direction",)))
+FORCE_SCALE = Term("force_scale", "1", _scale_loads, partial(_stated_uncertainties, ("scale",)))
+FORCE_DIRECTION = Term("force_direction", "rad", _turn_loads, partial(_stated_uncertainties, ("direction",)))
 CONSTANT_FORCE = Term(
     "constant_force",
     "N",
-    _constant_force,
+    _add_constant_force,
     suspected=True,
     under=_with_force,
     words="a constant force of {} (axes of R0) added to every load",
@@ -105,7 +111,7 @@ CONSTANT_FORCE = Term(
 LOAD_ZERO = Term(
     "load_zero",
     "N",
-    _load_zero,
+    _add_flange_force,
     suspected=True,
     under=_with_flange_force,
     words="a constant force of {} (axes of the flange) added to every load",
@@ -117,38 +123,42 @@ Groups = tuple[tuple[str, ...], ...]
 """Labels of observations, group by group."""
 
 
-def _membership(groups: Groups, part: Measurements) -> FloatArray:
-    """Return the group of each observation as (N, g) of 1 or 0."""
+def _mark_groups(groups: Groups, part: Measurements) -> FloatArray:
+    """Return (N, g): 1 where an observation belongs to a group, else 0."""
     return np.stack([np.isin(part.labels, list(group)) for group in groups], axis=1).astype(np.float64)
 
 
-def _group_scale(groups: Groups, block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Scale forces and moments of each group."""
-    torque = block.torque[..., None] * _membership(groups, block.measurements)[:, None]
-    return by_torque(block, compliance, torque)
+def _scale_groups(groups: Groups, block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Return the motion by a relative error of the loads of each group of observations."""
+    torque = block.torque[..., None] * _mark_groups(groups, block.measurements)[:, None]
+    return move_by_torque(block, compliance, torque)
 
 
-def _with_scale(groups: Groups, _: Robot, part: Measurements, scale: FloatArray) -> Measurements:
-    factor = 1.0 + _membership(groups, part) @ scale[:, None]
+def _with_scaled_groups(groups: Groups, _: Robot, part: Measurements, scale: FloatArray) -> Measurements:
+    """Return the measurements with the loads of each group changed by a relative error (g,)."""
+    factor = 1.0 + _mark_groups(groups, part) @ scale[:, None]
     return replace(part, force=factor * part.force, moment=factor * part.moment)
 
 
 def load_scale(groups: Collection[Collection[str]]) -> Term:
-    """Return the term of a scale of its own for each group of loads, by the labels of their observations."""
+    """Return the term of a relative load error for each group of observations, given by their labels."""
     listed = tuple(map(tuple, groups))
     return Term(
         "load_scale",
         "1",
-        partial(_group_scale, listed),
+        partial(_scale_groups, listed),
         suspected=True,
-        under=partial(_with_scale, listed),
-        words="the loads scaled by {}, one group after the other,",
+        under=partial(_with_scaled_groups, listed),
+        words="relative load errors of {}, one for each group of loads,",
         remedy="weigh the loads, or check the load cell against one of them",
     )
 
 
-def _target_places(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Move each target by e along the flange's axes: with the flange's rotation φ it moves by φ × e."""
+def _move_target_places(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Return the motion by errors e of the targets' places on the flange.
+
+    When the flange turns by φ under load, such a target moves by φ × e too far.
+    """
     rotation = np.einsum("bij,bj->bi", block.postures.angular_jacobian, compliance * block.torque)
     moved = skew(rotation) @ block.postures.flange_rotation
     B, T = block.points.shape[:2]
@@ -157,8 +167,11 @@ def _target_places(block: RegressorBlock, compliance: FloatArray) -> Motion:
     return Motion(columns.reshape(B, T, 3, 3 * T))
 
 
-def _axes(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Move each axis along both directions across it, and turn it about them: [m, rad, m, rad] a joint."""
+def _displace_axes(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Return the motion by displacements of the joints' axes, four for each joint [m, rad, m, rad].
+
+    They are a translation along, then a rotation about the first and the second direction across the axis.
+    """
     targets, joints = [], []
     for j, axis in enumerate(block.robot.axes):
         first, second = np.linalg.svd(axis[None])[2][1:]
@@ -171,51 +184,51 @@ def _axes(block: RegressorBlock, compliance: FloatArray) -> Motion:
     return Motion(np.concatenate(targets, axis=-1), np.concatenate(joints, axis=-1))
 
 
-def _play(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Turn each joint through half of its gear's play, to the side that the torque pushes it."""
-    settled = _WOUND / np.maximum(compliance, _WOUND / _SETTLED)  # (n,) torques
+def _take_up_play(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Return the motion by gear play: each joint turns by half of it, to the side the torque pushes to."""
+    settled = _WOUND / np.maximum(compliance, _WOUND / _SETTLED)  # (n,) torques that take up the play [N·m]
     side = np.where(block.robot.prismatic, 0.0, 0.5 * np.clip(block.torque / settled, -1.0, 1.0))
     return Motion(block.jacobian * side[:, None, None], side[..., None] * np.eye(side.shape[1]))
 
 
-def _shift(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
-    """Shift what was read under load: tracker or base moved."""
+def _shift_readings(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
+    """Return the motion by a shift of all readings under load, as if tracker or base moved."""
     return Motion(np.broadcast_to(np.eye(3), (*block.points.shape, 3)))
 
 
-def _turn(pivot: FloatArray, block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Shift what was read under load, and turn it about a pivot."""
+def _shift_and_turn_readings(pivot: FloatArray, block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Return the motion by a shift of all readings under load and a turn about a pivot (3,) in R0 [m]."""
     turned = -skew(block.points - pivot)
-    return Motion(np.concatenate([_shift(block, compliance).targets, turned], axis=-1))
+    return Motion(np.concatenate([_shift_readings(block, compliance).targets, turned], axis=-1))
 
 
 def turn_about(pivot: FloatArray) -> Term:
-    """Return the term of a shift and a turn, about a pivot (3,) in R0 [m], of what was read under load."""
+    """Return the term of a shift of all readings under load, and a turn about a pivot (3,) in R0 [m]."""
     return Term(
         "turn",
         "m, rad",
-        partial(_turn, pivot),
+        partial(_shift_and_turn_readings, pivot),
         suspected=True,
-        words="what was read under load moved by {}",
+        words="a shift and turn of all readings under load by {}",
         remedy=_READ_AGAIN,
     )
 
 
-def _only_observations(
+def _move_only_observations(
     labels: Sequence[str],
     motion: Callable[[RegressorBlock, FloatArray], Motion],
     block: RegressorBlock,
     compliance: FloatArray,
 ) -> Motion:
-    """Move the targets of the observations of some labels only."""
+    """Return the motion by a term, zero for observations without one of the labels."""
     moved = np.isin(block.measurements.labels, labels)
     return Motion(np.where(moved[:, None, None, None], motion(block, compliance).targets, 0.0))
 
 
 def since(term: Term, labels: Sequence[str], first: str) -> Term:
-    """Return a term that came about with an observation: it moves the targets of this and later ones only.
+    """Return a term that acts from observation `first` on: on that observation and all later ones.
 
-    Loads before and after have a scale of their own each.
+    A load scale becomes two scales: one for the loads before `first`, one for the loads from `first` on.
     """
     row = labels.index(first)
     later, label = labels[row:], first.replace("{", "{{").replace("}", "}}")  # words are a format
@@ -223,17 +236,21 @@ def since(term: Term, labels: Sequence[str], first: str) -> Term:
     own = (
         load_scale([labels[:row], later])
         if term.name == "load_scale"
-        else replace(term, motion=partial(_only_observations, later, term.motion))
+        else replace(term, motion=partial(_move_only_observations, later, term.motion))
     )
     return replace(own, name=f"{term.name} since {first}", words=words)
 
 
-TARGET_PLACES = Term("target_places", "m", _target_places, partial(_stated, ("target_places",)))
-AXES = Term("axes", "m, rad", _axes, partial(_stated, ("axis_position", "axis_direction")))
+TARGET_PLACES = Term(
+    "target_places", "m", _move_target_places, partial(_stated_uncertainties, ("target_places",))
+)
+AXES = Term(
+    "axes", "m, rad", _displace_axes, partial(_stated_uncertainties, ("axis_position", "axis_direction"))
+)
 PLAY = Term(
     "play",
     "rad",
-    _play,
+    _take_up_play,
     suspected=True,
     nonnegative=True,
     words="play of {} in the gears",
@@ -242,9 +259,9 @@ PLAY = Term(
 SHIFT = Term(
     "shift",
     "m",
-    _shift,
+    _shift_readings,
     suspected=True,
-    words="what was read under load moved by {}",
+    words="a shift of all readings under load by {}",
     remedy=_READ_AGAIN,
 )
 

@@ -63,30 +63,30 @@ _SHOWN = 8  # names listed in a message
 
 
 def read_urdf(text: str, base: str, flange: str) -> KinematicChain:
-    """Read the chain from the base link to the flange link.
+    """Read the kinematic chain from the base link to the flange link of a URDF.
 
     An axis is normalised if its norm is within `AXIS_TOLERANCE` of 1. A `continuous` joint becomes a
     revolute joint without limits, as does one with limits of ±`model.UNLIMITED` or beyond.
 
     Args:
         text: the document, xacro expanded.
-        base: link whose frame is R0; what is above it is cut away.
-        flange: link whose frame is the flange frame; what is below it is cut away.
+        base: link whose frame is R0; links above the base are cut away.
+        flange: link whose frame is the flange frame; links below the flange are cut away.
 
     Returns:
         The chain, with 1 to `chain.MAX_MOVING_JOINTS` moving joints.
 
     Raises:
-        RobotError: the document is not a robot that can be used, with the place and the remedy.
+        RobotError: the document is no usable robot; the error names the place of the fault and the remedy.
     """
     robot = parse_xml(text)
     _check_robot(robot)
-    links = _named(robot, "link", MAX_DOCUMENT_JOINTS + 1)
+    links = _collect_named(robot, "link", MAX_DOCUMENT_JOINTS + 1)
     if not links:
         raise RobotError("the robot has no link", remedy="add links and joints", where="<robot>")
-    elements = _named(robot, "joint", MAX_DOCUMENT_JOINTS)
+    elements = _collect_named(robot, "joint", MAX_DOCUMENT_JOINTS)
     joints = [UrdfJoint.read(element, name) for name, element in elements.items()]
-    chain = tuple(joint.of_chain() for joint in _path_down(links, joints, base, flange))
+    chain = tuple(joint.to_chain_joint() for joint in _find_path_down(links, joints, base, flange))
     return KinematicChain(name=robot.attributes["name"], base=base, flange=flange, joints=chain)
 
 
@@ -105,30 +105,31 @@ def write_urdf(chain: KinematicChain) -> str:
         element = ElementTree.SubElement(robot, "joint", name=joint.name, type=joint.kind)
         ElementTree.SubElement(element, "parent", link=parent)
         ElementTree.SubElement(element, "child", link=joint.child)
-        xyz, rpy = _numbers(joint.translation), _numbers(joint.roll_pitch_yaw)
+        xyz, rpy = _format_numbers(joint.translation), _format_numbers(joint.roll_pitch_yaw)
         ElementTree.SubElement(element, "origin", xyz=xyz, rpy=rpy)
         if joint.is_moving:
             lower, upper = joint.limits or (-UNLIMITED, UNLIMITED)
-            ElementTree.SubElement(element, "axis", xyz=_numbers(joint.axis))
-            bounds = {"lower": _numbers([lower]), "upper": _numbers([upper])}
+            ElementTree.SubElement(element, "axis", xyz=_format_numbers(joint.axis))
+            bounds = {"lower": _format_numbers([lower]), "upper": _format_numbers([upper])}
             ElementTree.SubElement(element, "limit", bounds, effort="0", velocity="0")
     ElementTree.indent(robot)
     return ElementTree.tostring(robot, encoding="unicode")
 
 
-def _numbers(values: Iterable[float]) -> str:
+def _format_numbers(values: Iterable[float]) -> str:
+    """Return numbers as text with every digit, separated by spaces."""
     return " ".join(repr(float(value)) for value in values)
 
 
 def read_inertials(text: str, chain: KinematicChain) -> tuple[Body, ...]:
     """Read masses and centres of mass of the links on a chain from its URDF.
 
-    The inertia of other branches is not part of the chain, nor what comes before the first
-    moving joint. A document with an inertial that makes no sense gives no bodies at all.
+    Links on other branches, or before the first moving joint, are left out. If an <inertial> makes no sense,
+    no bodies are returned at all.
 
     Args:
-        text: the document, which `read_urdf` has read.
-        chain: what it read.
+        text: the URDF document.
+        chain: the chain that `read_urdf` read from the document.
     """
     links = {link.attributes.get("name", ""): link for link in parse_xml(text).named("link")}
     bodies = []
@@ -155,7 +156,7 @@ def read_inertials(text: str, chain: KinematicChain) -> tuple[Body, ...]:
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A joint as a document has it, its numbers read but not yet judged."""
+    """Joint of a URDF document, with numbers that are read but not yet checked against the chain's rules."""
 
     name: str  #: its name
     parent: str  #: link that carries it
@@ -165,22 +166,22 @@ class UrdfJoint:
     rpy: tuple[float, ...]  #: about the parent link's fixed axes [rad]
     axis: tuple[float, ...]  #: in the joint's frame
     limit: dict[str, float]  #: numbers of <limit> by name [rad, m of a prismatic joint]
-    mimics: bool  #: it follows another joint
+    mimics: bool  #: whether the joint follows another joint
 
     @classmethod
     def read(cls, element: XmlElement, name: str) -> UrdfJoint:
         """Read a joint of any of the six types, on the chain or off it.
 
         Raises:
-            RobotError: another type, a child that is given twice, or a number that is none.
+            RobotError: the type is unknown, a child element is given twice, or a number is not valid.
         """
         place = f"joint '{name}'"
         kind = element.attributes.get("type", "")
         if kind not in _TYPES:
             remedy = f"use one of {', '.join(_TYPES)}"
-            raise RobotError(f"unknown joint type {quoted(kind)}", remedy=remedy, where=place)
-        origin = _triples(element, "origin", _ORIGIN, place)
-        axis = _triples(element, "axis", _AXIS, place)
+            raise RobotError(f"unknown joint type {quote(kind)}", remedy=remedy, where=place)
+        origin = _read_triples(element, "origin", _ORIGIN, place)
+        axis = _read_triples(element, "axis", _AXIS, place)
         if not axis and element.named("axis"):
             remedy = "add the attribute xyz"
             raise RobotError("the <axis> has no attribute xyz", remedy=remedy, where=f"{place} <axis>")
@@ -207,11 +208,11 @@ class UrdfJoint:
             mimics=bool(element.named("mimic")),
         )
 
-    def of_chain(self) -> ChainJoint:
-        """Turn a joint between base and flange into one that the solver can move.
+    def to_chain_joint(self) -> ChainJoint:
+        """Return the joint as a joint of a kinematic chain, after checking kind, axis and limits.
 
         Raises:
-            RobotError: it is of another kind, mimics, or its axis or limits make no sense.
+            RobotError: the kind is not supported, the joint mimics another, or axis or limits are not valid.
         """
         place = f"joint '{self.name}'"
         if self.mimics:
@@ -258,6 +259,11 @@ class UrdfJoint:
 
 
 def _check_robot(robot: XmlElement) -> None:
+    """Refuse a document that is not one named <robot>, or that has unexpanded xacro.
+
+    Raises:
+        RobotError: with the line of the fault.
+    """
     for element in robot.walk():
         # Refuse xacro that is not expanded; the xmlns:xacro that it leaves behind is harmless
         in_names = any(name.startswith("xacro:") for name in (element.tag, *element.attributes))
@@ -278,8 +284,12 @@ def _check_robot(robot: XmlElement) -> None:
     check_name(robot.attributes.get("name", ""), "<robot>")
 
 
-def _named(robot: XmlElement, tag: str, most: int) -> dict[str, XmlElement]:
-    """Return all links or joints by name, unless they are many or a name is empty, unfit or taken."""
+def _collect_named(robot: XmlElement, tag: str, most: int) -> dict[str, XmlElement]:
+    """Return all links or joints of a robot by name.
+
+    Raises:
+        RobotError: there are more than `most`, or a name is empty, unfit or used twice.
+    """
     elements = robot.named(tag)
     if len(elements) > most:
         remedy = f"at most {most} are supported: send only the arm"
@@ -295,23 +305,27 @@ def _named(robot: XmlElement, tag: str, most: int) -> dict[str, XmlElement]:
     return named
 
 
-def _triples(
+def _read_triples(
     parent: XmlElement, tag: str, largest: Mapping[str, float], place: str
 ) -> dict[str, tuple[float, ...]]:
-    """Read the attributes of a child, three numbers each; nothing if there is no such child."""
+    """Read the attributes of a child element, three numbers each; empty if there is no such child.
+
+    Raises:
+        RobotError: an attribute is not among those of `largest`, or a number is not valid or too large.
+    """
     element = parent.only(tag, place)
     if element is None:
         return {}
     if unknown := element.attributes.keys() - largest.keys():
         remedy = f"use only {' and '.join(largest)}"
-        raise RobotError(f"unknown attribute {quoted(min(unknown))}", remedy=remedy, where=f"{place} <{tag}>")
+        raise RobotError(f"unknown attribute {quote(min(unknown))}", remedy=remedy, where=f"{place} <{tag}>")
     return {
         name: read_numbers(text, 3, largest[name], f"{place} <{tag}> {name}")
         for name, text in element.attributes.items()
     }
 
 
-def _path_down(
+def _find_path_down(
     links: Collection[str], joints: Iterable[UrdfJoint], base: str, flange: str
 ) -> list[UrdfJoint]:
     """Return the joints from the base down to the flange, at least one.
@@ -326,11 +340,11 @@ def _path_down(
         RobotError: links and joints are not one tree, base or flange is not among them, or the
             flange is not below the base.
     """
-    above = _joint_above(links, joints)
+    above = _map_joints_above(links, joints)
     for link, role in ((base, "base"), (flange, "flange")):
         if link not in links:
             reason = f"there is no link {link[:60]!a} for the {role} frame"
-            raise RobotError(reason, remedy=f"use one of the links {_listed(links)}", where=role)
+            raise RobotError(reason, remedy=f"use one of the links {_list_names(links)}", where=role)
     if base == flange:
         raise RobotError(
             f"base and flange are the same link, '{base}'",
@@ -350,14 +364,18 @@ def _path_down(
     return path[::-1]
 
 
-def _joint_above(links: Collection[str], joints: Iterable[UrdfJoint]) -> dict[str, UrdfJoint]:
-    """Map each link that has a parent to the joint that carries it, unless links are not one tree."""
+def _map_joints_above(links: Collection[str], joints: Iterable[UrdfJoint]) -> dict[str, UrdfJoint]:
+    """Return, for each link but the root, the joint that carries it.
+
+    Raises:
+        RobotError: links and joints are not one tree.
+    """
     above: dict[str, UrdfJoint] = {}
     below = defaultdict(list)
     for joint in joints:
         for link, role in ((joint.parent, "parent"), (joint.child, "child")):
             if link not in links:
-                remedy = f"use one of the links {_listed(links)}"
+                remedy = f"use one of the links {_list_names(links)}"
                 where = f"joint '{joint.name}' <{role}>"
                 raise RobotError(f"there is no link '{link[:60]}'", remedy=remedy, where=where)
         if joint.child in above:
@@ -370,28 +388,29 @@ def _joint_above(links: Collection[str], joints: Iterable[UrdfJoint]) -> dict[st
         below[joint.parent].append(joint.child)
     roots = [link for link in links if link not in above]
     if len(roots) > 1:
-        reason = f"{len(roots)} links have no parent: {_listed(roots)}"
+        reason = f"{len(roots)} links have no parent: {_list_names(roots)}"
         raise RobotError(reason, remedy="join all links into one tree with one root", where="<robot>")
-    for link in roots:  # grows on the way
+    for link in roots:  # the list grows while it is walked, until it holds all links below the root
         roots.extend(below[link])
     reached = set(roots)
     if cycle := [link for link in links if link not in reached]:
         raise RobotError(
-            f"links hang in a cycle, not from the root: {_listed(cycle)}",
+            f"some links form a cycle that is not connected to the root: {_list_names(cycle)}",
             remedy="a URDF is a tree: give one of them another parent",
             where=f"link '{cycle[0]}'",
         )
     return above
 
 
-def _listed(names: Collection[str]) -> str:
+def _list_names(names: Collection[str]) -> str:
+    """Return names as text for a message: the first few, and how many more there are."""
     shown = ", ".join(f"'{name[:40]}'" for name in list(names)[:_SHOWN])
     return shown + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")
 
 
 @dataclass(frozen=True)
 class XmlElement:
-    """An element without its text."""
+    """XML element with its attributes and children, but without text."""
 
     tag: str  #: name, with its prefix if it has one
     attributes: dict[str, str]  #: values by name
@@ -406,7 +425,8 @@ class XmlElement:
         """Return the only child with this tag, or None.
 
         Raises:
-            RobotError: there are several, and other readers silently use the first.
+            RobotError: there are several children with this tag, where other programs silently use the
+                first.
         """
         children = self.named(tag)
         if len(children) > 1:
@@ -415,18 +435,18 @@ class XmlElement:
         return children[0] if children else None
 
     def walk(self) -> Iterator[XmlElement]:
-        """Yield this element and all within it; the depth is limited, so recursion is safe."""
+        """Yield this element and all elements within, depth first; `MAX_DEPTH` makes recursion safe."""
         yield self
         for child in self.children:
             yield from child.walk()
 
 
 def parse_xml(text: str) -> XmlElement:
-    """Parse a document and return its root.
+    """Parse an XML document and return its root element.
 
     Raises:
-        RobotError: not well-formed, beyond a limit of this module, or with a document type, an
-            entity, a processing instruction or a control character.
+        RobotError: the document is not well-formed, exceeds a limit of this module, or has a document type,
+            an entity, a processing instruction or a control character.
     """
     beginning = text[: MAX_BYTES + 1].lstrip("\ufeff \t\r\n")
     if beginning and not beginning.startswith("<"):
@@ -441,11 +461,11 @@ def parse_xml(text: str) -> XmlElement:
         )
     if unfit := _UNFIT.search(text):
         raise RobotError(
-            f"it has a control character or half of a surrogate pair, {unfit.group()!a}",
+            f"the document has a control character or half of a surrogate pair, {unfit.group()!a}",
             remedy="send plain text in UTF-8 without it",
             where=f"line {text.count(chr(10), 0, unfit.start()) + 1}",
         )
-    builder = _Builder()
+    builder = _TreeBuilder()
     try:
         builder.parser.Parse(data, True)
     except expat.ExpatError as error:
@@ -458,8 +478,8 @@ def parse_xml(text: str) -> XmlElement:
     return builder.document.children[0]
 
 
-class _Builder:
-    """Check expat's events and build the tree from them.
+class _TreeBuilder:
+    """Builder of the tree of elements from expat's events, which checks the limits of this module.
 
     An exception in a handler stops expat at once.
     """
@@ -472,14 +492,15 @@ class _Builder:
         self.parser.StartElementHandler = self._start
         self.parser.EndElementHandler = lambda _tag: self._open.pop()
         self.parser.StartDoctypeDeclHandler = lambda *_declaration: self._refuse(
-            "it has a document type declaration (DTD), which can define entities",
+            "the document has a document type declaration (DTD), which can define entities",
             "remove <!DOCTYPE …> and write the entities out",
         )
         self.parser.ProcessingInstructionHandler = lambda target, _data: self._refuse(
-            f"it has a processing instruction <?{target[:40]} …?>", "remove it"
+            f"the document has a processing instruction <?{target[:40]} …?>", "remove it"
         )
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        """Add an element that opens, unless a limit is exceeded."""
         self._count += 1
         longest = max(len(text) for text in (tag, *attributes, *attributes.values()))
         for count, most, what in (
@@ -489,17 +510,18 @@ class _Builder:
             (longest, MAX_ATTRIBUTE_LENGTH, "characters in one name or attribute"),
         ):
             if count > most:
-                self._refuse(f"it has more than {most} {what}", "send only links and joints")
+                self._refuse(f"the document has more than {most} {what}", "send only links and joints")
         element = XmlElement(tag, attributes, self.parser.CurrentLineNumber)
         self._open[-1].children.append(element)
         self._open.append(element)
 
     def _refuse(self, reason: str, remedy: str) -> None:
+        """Raise a `RobotError` at the current line of the document."""
         raise RobotError(reason, remedy=remedy, where=f"line {self.parser.CurrentLineNumber}")
 
 
 def read_numbers(text: str, count: int, largest: float, where: str) -> tuple[float, ...]:
-    """Read decimal numbers separated by spaces, exactly as many as needed.
+    """Read exactly `count` decimal numbers separated by spaces.
 
     Args:
         text: for instance ``"0 0.35 1e-3"``.
@@ -508,8 +530,8 @@ def read_numbers(text: str, count: int, largest: float, where: str) -> tuple[flo
         where: place for the message.
 
     Raises:
-        RobotError: another count, another notation (hexadecimal, underscores, inf, nan, a comma),
-            or a number beyond `largest`.
+        RobotError: the count is another, a number has another notation (hexadecimal, underscores, inf, nan,
+            a comma), or its magnitude exceeds `largest`.
     """
     words = [word for word in _SPACE.split(text) if word]
     if len(words) != count:
@@ -517,14 +539,14 @@ def read_numbers(text: str, count: int, largest: float, where: str) -> tuple[flo
         raise RobotError(reason, remedy="write decimal numbers separated by spaces", where=where)
     for word in words:
         if not _NUMBER.fullmatch(word):
-            reason = f"{quoted(word)} is not a finite decimal number"
+            reason = f"{quote(word)} is not a finite decimal number"
             raise RobotError(reason, remedy="write it like 0.35 or -1.2e-3", where=where)
         if not abs(float(word)) <= largest:
             remedy = "check the number and its unit: lengths in m, angles in rad"
-            raise RobotError(f"{quoted(word)} is outside ±{largest:g}", remedy=remedy, where=where)
+            raise RobotError(f"{quote(word)} is outside ±{largest:g}", remedy=remedy, where=where)
     return tuple(map(float, words))
 
 
-def quoted(text: str, length: int = 40) -> str:
-    """Quote text from a stranger so that it is short and harmless in a message."""
+def quote(text: str, length: int = 40) -> str:
+    """Return text from a document quoted for a message: shortened, and with ASCII characters only."""
     return ascii(text[:length]) + ("…" if len(text) > length else "")

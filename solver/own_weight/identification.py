@@ -41,16 +41,22 @@ from jointstiff.solver.mechanics.block import regressor_blocks, whitened_rows
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Body, Robot
 from jointstiff.solver.mechanics.springs import JOINTS
-from jointstiff.solver.own_weight.masses import contradicted, contradiction, freed_masses, unchecked, widened
+from jointstiff.solver.own_weight.masses import (
+    find_contradicted_mass,
+    fit_freed_masses,
+    report_contradicted_mass,
+    report_unchecked_masses,
+    widen_mass_bounds,
+)
 from jointstiff.solver.own_weight.rows import (
     Burden,
     Reduced,
     WeightReadings,
     WeightRows,
-    base_motion,
+    compute_base_motion,
+    compute_torques,
+    linearise_readings,
     perpendicular_basis,
-    rows_at,
-    torques_of,
 )
 from jointstiff.solver.predict.models import IdentifiedWeight
 from jointstiff.solver.text import figure, length_text
@@ -84,7 +90,7 @@ _LEAST_SIGMA: Final = 1e-15
 
 @dataclass(frozen=True, eq=False)
 class WeightFit:
-    """The optimum of geometry, compliances and weights."""
+    """Optimum of geometry, compliances and weights, as the last Gauss-Newton step left it."""
 
     state: PoseState  #: geometry
     gravity: FloatArray  #: (3,) in R0 [m/s²]
@@ -97,7 +103,10 @@ class WeightFit:
     steps: int  #: number of steps of Gauss and Newton
 
     def freedom(self, by_loads: int) -> int:
-        """Return the degrees of freedom, with so many coordinates of deflections.
+        """Return the degrees of freedom of the residuals.
+
+        Args:
+            by_loads: number of coordinates of deflections by known loads.
 
         Raises:
             NotObservableError: fewer coordinates than unknowns.
@@ -113,11 +122,21 @@ class WeightFit:
         )
 
     def noise(self, by_loads: int, least: float) -> float:
-        """Return the mean square of the residuals that nothing explains, and at the least that."""
+        """Return the mean square of the residuals that nothing explains, but not less than a least value.
+
+        Args:
+            by_loads: number of coordinates of deflections by known loads.
+            least: least value, in the fit's unit.
+        """
         return max(self.reduced.outside / self.freedom(by_loads), least)
 
     def chance(self, noise: float, by_loads: int) -> float:
-        """Return the probability that the bounds of the masses raise the loss by so much."""
+        """Return the p-value of the loss that the bounds of the masses add (F test).
+
+        Args:
+            noise: mean square of the residuals.
+            by_loads: number of coordinates of deflections by known loads.
+        """
         rank = self.reduced.rank
         return float(special.fdtrc(rank, self.freedom(by_loads), self.optimum.loss / rank / noise))
 
@@ -132,16 +151,16 @@ def fit_weight(
     free_base: bool = False,
     loaded: Measurements | None = None,
 ) -> WeightFit:
-    """Fit geometry, compliances and weights.
+    """Fit geometry, compliances and weights by Gauss-Newton steps, each with a convex program.
 
     Args:
-        robot: nominal.
-        readings: N observations.
+        robot: nominal robot, n joints.
+        readings: N observations of positions, with bodies and gravity.
         whitened: the same positions with their weights, in units of 1/sigma.
-        state: geometry to start from, as without sag.
+        state: geometry to start from, fitted without sag.
         free_gravity: whether gravity's direction is estimated, too.
-        free_base: whether a base that tilts is.
-        loaded: deflections by known loads that join in; their rows are in units of their own sigma.
+        free_base: whether the tilt of the base is estimated, too.
+        loaded: deflections by known loads, fitted together; their rows are in units of their own sigma.
 
     Raises:
         NotObservableError: no joint's torque varies.
@@ -155,7 +174,7 @@ def fit_weight(
     weight = np.linalg.norm(whitened.weight)
     for step in range(1, MOST_STEPS + 1):
         tilted = replace(readings, burden=replace(burden, gravity=gravity))
-        rows = rows_at(robot, tilted, whitened, state, sag, c)
+        rows = linearise_readings(robot, tilted, whitened, state, sag, c)
         triangle, by_loads = rows.stack.triangle(), Triangle(joints=robot.n)
         nuisance = ["geometry", *(["base"] if free_base else []), *(["gravity"] if free_gravity else [])]
         for block in [] if loaded is None else regressor_blocks(robot, loaded, c):
@@ -164,13 +183,13 @@ def fit_weight(
                 if part is not None:
                     by_loads.add(part)
         others = by_loads.R[: by_loads.rows] / (1.0 if loaded is None else loaded.sigma or 1.0)
-        reduced = reduce(rows, triangle, nuisance, burden, others)
+        reduced = reduce_problem(rows, triangle, nuisance, burden, others)
         optimum = solve_weighed(reduced.A, reduced.b, reduced.cones)
         move = triangle.fit(nuisance, reduced.expand_solution(rows, optimum.x), RANK)
         after = rows.stack.widths["geometry"]
         before, sag = sag, reduced.sag(rows.torques, optimum.x)
         state = state.displaced(move[:after])
-        if free_base:  # its columns are linear, and no reading is predicted with it
+        if free_base:  # linear: the step fits all of the tilt, not a change
             base, move[after : after + 3] = move[after : after + 3].copy(), move[after : after + 3] - base
         if free_gravity:
             turned = gravity + np.linalg.norm(gravity) * perpendicular_basis(gravity) @ move[-2:]
@@ -188,17 +207,19 @@ def fit_weight(
     )
 
 
-def reduce(
+def reduce_problem(
     rows: WeightRows, triangle: Triangle, nuisance: Sequence[str], burden: Burden, others: FloatArray
 ) -> Reduced:
-    """Project out the geometry, and compress.
+    """Reduce linearised readings to a small convex problem of compliances and weights.
+
+    Columns of the geometry are projected out, and the remaining rows compressed by a QR decomposition.
 
     Args:
-        rows: m readings.
-        triangle: of these rows.
-        nuisance: terms of the geometry, which are projected out.
+        rows: linearised readings of positions.
+        triangle: triangular factor of these rows.
+        nuisance: names of the terms that are projected out, such as the geometry.
         burden: bodies and springs.
-        others: (k, n + 1) rows in which no geometry shows: of the compliances, and their readings.
+        others: (k, n + 1) rows of deflections by loads: columns of the compliances, then the reading.
 
     Raises:
         NotObservableError: no joint's torque varies.
@@ -246,27 +267,25 @@ def reduce(
     )
 
 
-def identified_weight(
+def extract_weight(
     burden: Burden, fit: WeightFit, sigma: float, uncertainty: FloatArray
 ) -> IdentifiedWeight | None:
-    """Return the weights that the sag of a fit is due to; None where springs balance some of them.
+    """Return the identified weights with their covariance, to predict the sag; None with balancing springs.
 
-    Positions tell products of a compliance and a weight far better than either, so that the sag has a
-    narrower interval than the compliances. About the optimum the readings are linear in x, ``A x = b + ε``. A
-    parameter is off by its bound's half-width in standard uncertainties, unless the readings tell it better:
-    with D that of all of them, ``cov x = (AᵀA/σ² + D⁻²)⁻¹``, widened for joints whose own interval, an outer
-    bound, is wider.
+    Positions determine products of compliance and weight far better than either factor. About the optimum
+    ``A x = b + ε``. Each parameter has its bound's half-width as prior standard uncertainty; with D of all of
+    these, ``cov x = (AᵀA/σ² + D⁻²)⁻¹``. It is widened for joints whose own interval is wider.
 
     Args:
         burden: bodies that hang on in all observations.
-        fit: of the robot and its weight.
-        sigma: of a residual, in the fit's unit.
-        uncertainty: (n,) of the compliances; zero where there is none.
+        fit: fit of the robot and its weight.
+        sigma: standard uncertainty of a residual, in the fit's unit.
+        uncertainty: (n,) standard uncertainties of the compliances; zero where unknown.
     """
     if burden.balancers:
         return None
     problem, x, n = fit.reduced, fit.optimum.x, len(fit.compliance)
-    # The bounds of a compliance are its cap, of its products itself
+    # A compliance is bounded by its cap, and a product by the compliance, as units are those of the bounds.
     reach = np.full(len(x), 1e-3 * float(np.abs(x).max()))
     for (_, _, place, _), cap in zip(problem.blocks, problem.cones.cap.tolist(), strict=True):
         reach[place] = np.maximum(reach[place.start], x[place.start])
@@ -302,27 +321,42 @@ _BASE_UNCHECKED: Final = Finding(
 )
 
 
-def settled(
-    fitted: Callable[..., WeightFit], bodies: tuple[Body, ...], by_loads: int, *, free_base: bool
+def try_further_fit(
+    fit_with_bodies: Callable[..., WeightFit], bodies: tuple[Body, ...], by_loads: int, *, free_base: bool
 ) -> WeightFit | None:
-    """Return a further fit; None where the readings are too few for it."""
+    """Fit once more with given bodies; return None where the readings do not suffice or the fit fails.
+
+    Args:
+        fit_with_bodies: function from bodies to the fit, with keyword `free_base`.
+        bodies: bodies with bounds of their masses.
+        by_loads: number of coordinates of deflections by known loads.
+        free_base: whether the tilt of the base is estimated.
+    """
     try:
-        fit = fitted(bodies, free_base=free_base)
+        fit = fit_with_bodies(bodies, free_base=free_base)
         fit.freedom(by_loads)
     except (MeasurementError, NotObservableError):
         return None
     return fit
 
 
-def chance_of_tilt(
+def compute_tilt_p_value(
     rigid: WeightFit, tilting: WeightFit, burden: Burden, by_loads: int, least: float
 ) -> float:
-    """Return the probability that the base's tilt explains so much by chance; 1 if a mass explains more."""
+    """Return the p-value of a tilting base (F test); 1 if a wrong mass explains the readings better.
+
+    Args:
+        rigid: fit without tilt.
+        tilting: fit with the tilt of the base.
+        burden: bodies and springs.
+        by_loads: number of coordinates of deflections by known loads.
+        least: least mean square of the residuals, in the fit's unit.
+    """
     noise = tilting.noise(by_loads, least)
     gain = (
         rigid.optimum.loss + rigid.reduced.outside - tilting.optimum.loss - tilting.reduced.outside
     ) / noise
-    by_mass = contradicted(freed_masses(rigid.reduced, burden, rigid.noise(by_loads, least)))
+    by_mass = find_contradicted_mass(fit_freed_masses(rigid.reduced, burden, rigid.noise(by_loads, least)))
     more = gain > (0.0 if by_mass is None else by_mass.gain)
     if not more or tilting.chance(noise, by_loads) <= _BEYOND_CHANCE:
         return 1.0
@@ -330,29 +364,32 @@ def chance_of_tilt(
 
 
 def fit_with_proved_corrections(
-    fitted: Callable[..., WeightFit], burden: Burden, by_loads: int, least: float, *, free_base: bool
+    fit_with_bodies: Callable[..., WeightFit], burden: Burden, by_loads: int, least: float, *, free_base: bool
 ) -> tuple[WeightFit, tuple[Body, ...], list[Finding]]:
-    """Fit, and once more with what the readings prove: a base that tilts, a mass far from what is stated.
+    """Fit; then again with a tilting base, or a mass far from the stated one, if the readings prove them.
 
-    Where readings are too few for a further fit, the fit before is kept.
+    Where the readings do not suffice for a further fit, the previous fit is kept.
 
     Args:
-        fitted: function from bodies to the fit, with `free_base`.
-        burden: as stated.
-        by_loads: number of coordinates of deflections.
-        least: mean square that the residuals have at the least, in the fit's unit.
+        fit_with_bodies: function from bodies to the fit, with keyword `free_base`.
+        burden: bodies and springs as stated.
+        by_loads: number of coordinates of deflections by known loads.
+        least: least mean square of the residuals, in the fit's unit.
         free_base: whether the base's tilt is estimated even if nothing proves it.
 
     Returns:
-        The fit, the bodies with the bounds that it has, and what was found.
+        The fit, the bodies with the bounds used in it, and the findings.
 
     Raises:
         NotObservableError: fewer coordinates than unknowns of a base that does not tilt.
         MeasurementError: no convergence with such a base.
     """
     findings, bodies = list[Finding](), burden.bodies
-    rigid, tilting = fitted(bodies), settled(fitted, bodies, by_loads, free_base=True)
-    p_value = 1.0 if tilting is None else chance_of_tilt(rigid, tilting, burden, by_loads, least)
+    rigid, tilting = (
+        fit_with_bodies(bodies),
+        try_further_fit(fit_with_bodies, bodies, by_loads, free_base=True),
+    )
+    p_value = 1.0 if tilting is None else compute_tilt_p_value(rigid, tilting, burden, by_loads, least)
     proved = p_value < _BASE_LEVEL
     if tilting is None and free_base:
         findings.append(_BASE_UNCHECKED)
@@ -369,26 +406,34 @@ def fit_with_proved_corrections(
                 remedy="tighten and stiffen the base; a target on the base plate shows directly how it tilts",
             )
         )
-    freed = freed_masses(fit.reduced, burden, fit.noise(by_loads, least))
-    wrong = contradicted(freed)
+    freed = fit_freed_masses(fit.reduced, burden, fit.noise(by_loads, least))
+    wrong = find_contradicted_mass(freed)
     if wrong is not None:
-        wider = widened(bodies, wrong)
-        second = settled(fitted, wider, by_loads, free_base=free_base)
+        wider = widen_mass_bounds(bodies, wrong)
+        second = try_further_fit(fit_with_bodies, wider, by_loads, free_base=free_base)
         if second is None:
-            findings.append(contradiction(bodies[wrong.body], wrong, held=False))
+            findings.append(report_contradicted_mass(bodies[wrong.body], wrong, held=False))
         elif second.chance(second.noise(by_loads, least), by_loads) > _BEYOND_CHANCE:
-            findings.append(contradiction(bodies[wrong.body], wrong))
+            findings.append(report_contradicted_mass(bodies[wrong.body], wrong))
             return second, wider, findings
-    elif (remark := unchecked(bodies, freed)) is not None:
+    elif (remark := report_unchecked_masses(bodies, freed)) is not None:
         findings.append(remark)
     return fit, bodies, findings
 
 
-def reasons_of(fit: WeightFit, rank: int, freedom: int, *, stated: float | None) -> Iterator[Finding]:
-    """Yield the reasons against the result: residuals beyond sigma, and masses that the readings contradict.
+def find_reasons_against(
+    fit: WeightFit, rank: int, freedom: int, *, stated: float | None
+) -> Iterator[Finding]:
+    """Yield findings against the result: residuals beyond the stated sigma, and contradicted masses.
 
-    Both sums are χ² where the model holds: that of all that no compliance, weight or geometry explains, and
-    that by which the bounds of the masses raise it.
+    Where the model holds, two sums follow χ²: `outside`, the residuals that nothing explains, and `loss`, by
+    which the bounds of the masses raise them.
+
+    Args:
+        fit: fit of the robot and its weight.
+        rank: number of compliances and weights that the readings determine.
+        freedom: degrees of freedom of the residuals.
+        stated: standard uncertainty of a coordinate as stated [m]; None if it is estimated.
     """
     outside, loss = fit.reduced.outside, fit.optimum.loss
     chance = special.fdtrc(rank, freedom, loss / rank / (outside / freedom))
@@ -415,16 +460,19 @@ def reasons_of(fit: WeightFit, rank: int, freedom: int, *, stated: float | None)
         )
 
 
-def joints_of(
+def compute_joint_results(
     robot: Robot, fit: WeightFit, sigma: float, rise: float
 ) -> tuple[tuple[JointCompliance, ...], FloatArray]:
-    """Return the joints with intervals, and shares (n,) of their widths that exact masses would leave.
+    """Compute the compliance of each joint with its interval, or the reason why there is none.
 
     Args:
         robot: n joints.
-        fit: of the robot and its weight.
-        sigma: of a residual, in the fit's unit.
-        rise: of the loss that chance allows at the level of the intervals.
+        fit: fit of the robot and its weight.
+        sigma: standard uncertainty of a residual, in the fit's unit.
+        rise: rise of the loss that chance allows at the level of the intervals.
+
+    Returns:
+        The joints; and (n,) the share of each interval's width that exact masses would leave, NaN if none.
     """
     problem = fit.reduced
     intervals = weighed_ends(problem.A, problem.b, fit.optimum, rise, problem.cones)
@@ -478,7 +526,7 @@ class WeightEstimate:
     remarks: tuple[Finding, ...]  #: what the readings do not check, for information
     sigma: float  #: standard uncertainty of a coordinate [m], as stated or from the residuals
     sigma_of_residuals: bool  #: whether it is from the residuals: none stated, or larger than stated
-    chi_square: float  #: of all residuals, under the stated sigma; the degrees of freedom if none is stated
+    chi_square: float  #: χ² of all residuals by the stated sigma; the degrees of freedom if none is stated
     degrees_of_freedom: int  #: number of readings less all that they determine
     rms_residual: float  #: rms residual of a whitened coordinate [m]
     rms_without_sag: float  #: the same, of the best geometry of an arm that does not bend [m]
@@ -487,7 +535,7 @@ class WeightEstimate:
     displacement: FloatArray
     residual: FloatArray  #: (N, T, 3) position less prediction [m]; zero where absent
     certificate: Certificate  #: certificate of the last convex program
-    #: of the bodies as the products with the compliances have it, to predict the sag; None with balancers
+    #: weights of the bodies as identified, to predict the sag; None with balancers
     weight: IdentifiedWeight | None
     #: largest |∂τ_i/∂θ_j| c_i: effect of the sag on the torques, which the balance includes
     largest_stiffness_ratio: float
@@ -502,15 +550,15 @@ def identify_weight(
     free_base: bool = False,
     loaded: Measurements | None = None,
 ) -> WeightEstimate:
-    """Identify compliances from the sag of an arm under its own weight.
+    """Identify joint compliances from the sag of an arm under its own weight.
 
     Args:
-        robot: nominal, n joints; its axes and the targets are estimated.
+        robot: nominal robot, n joints; its axes and the places of the targets are estimated.
         readings: N observations.
         confidence: level of the intervals.
         free_gravity: whether gravity's direction is estimated; else it is as stated.
-        free_base: whether the base's tilt is estimated, too; else only where the readings prove it.
-        loaded: deflections by known loads (loaded − unloaded), which join in.
+        free_base: whether the base's tilt is always estimated; else only where the readings prove it.
+        loaded: deflections by known loads (loaded − unloaded), which are fitted together.
 
     Raises:
         MeasurementError: no convergence, or positions and deflections join without their sigmas.
@@ -533,7 +581,8 @@ def identify_weight(
 
     stated = readings
 
-    def fitted(bodies: tuple[Body, ...], *, free_base: bool = False) -> WeightFit:
+    def fit_with_bodies(bodies: tuple[Body, ...], *, free_base: bool = False) -> WeightFit:
+        """Fit the readings with other bounds of the masses."""
         return fit_weight(
             robot,
             replace(stated, burden=replace(stated.burden, bodies=bodies)),
@@ -546,30 +595,31 @@ def identify_weight(
 
     least = 1.0 if poses.sigma is not None else _LEAST_NOISE**2
     fit, bodies, found = fit_with_proved_corrections(
-        fitted, readings.burden, by_loads, least, free_base=free_base
+        fit_with_bodies, readings.burden, by_loads, least, free_base=free_base
     )
     readings = replace(readings, burden=replace(readings.burden, bodies=bodies))
     problem, loss = fit.reduced, fit.optimum.loss
     rank, freedom = problem.rank, fit.freedom(by_loads)
-    factor = float(np.sqrt(problem.outside / freedom))  # of the residuals, in the stated sigma
+    factor = float(np.sqrt(problem.outside / freedom))  # rms of the residuals in units of the stated sigma
     against = (
         *(each for each in found if each.weight != "use"),
-        *reasons_of(fit, rank, freedom, stated=poses.sigma),
+        *find_reasons_against(fit, rank, freedom, stated=poses.sigma),
     )
     noisy = poses.sigma is None or any(reason.code == "residuals_exceed_sigma" for reason in against)
     scale = factor if noisy else 1.0
     radius = student_quantile(0.5 + 0.5 * confidence, freedom if noisy else None)
-    joints, shares = joints_of(robot, fit, scale, (scale * radius) ** 2)
+    joints, shares = compute_joint_results(robot, fit, scale, (scale * radius) ** 2)
     statuses = [joint.status for joint in joints]
     missing = unidentified(statuses, "read more postures, better masses or a known payload")
     uncertainty = np.array([joint.standard_uncertainty or 0.0 for joint in joints])
     sagging = replace(whitened, angles=whitened.angles + fit.sag)
     bent = fit.state.motion(sagging).points
-    bent = bent + base_motion(fit.rows.torques, bent) @ fit.base
+    bent = bent + compute_base_motion(fit.rows.torques, bent) @ fit.base
 
     def torque(turn: FloatArray) -> FloatArray:
+        """Return the torques times compliances (N, n) with all angles turned [rad], for derivatives."""
         motion = fit.state.motion(replace(sagging, angles=sagging.angles + turn))
-        return fit.compliance * torques_of(robot, readings, motion).known
+        return fit.compliance * compute_torques(robot, readings, motion).known
 
     return WeightEstimate(
         joints=joints,
@@ -587,6 +637,6 @@ def identify_weight(
         displacement=bent - fit.state.motion(whitened).points,
         residual=np.where(poses.present[..., None], whitened.points - bent, 0.0),
         certificate=fit.optimum.certificate,
-        weight=identified_weight(readings.burden, fit, scale, uncertainty),
+        weight=extract_weight(readings.burden, fit, scale, uncertainty),
         largest_stiffness_ratio=float(np.abs(differences(torque, robot.n)).max()),
     )

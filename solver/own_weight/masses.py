@@ -38,19 +38,22 @@ class FreedMass:
     """Fit of masses that all joints share, one of them without its bounds."""
 
     body: int  #: index of the body whose mass is free
-    mass: float  #: mass that the readings ask for [kg]
-    uncertainty: float  #: standard uncertainty [kg]; infinite where no reading tells the mass
-    gain: float  #: by how much χ² falls
+    mass: float  #: mass that fits the readings best [kg]
+    uncertainty: float  #: standard uncertainty [kg]; infinite where no reading determines the mass
+    gain: float  #: fall of χ² with the mass free
     doubled: FloatArray  #: (n_seen,) relative change of the compliances if the mass is twice that stated
 
 
-def freed_masses(problem: Reduced, burden: Burden, noise: float) -> list[FreedMass]:
-    """Leave each uncertain mass free in turn.
+def fit_freed_masses(problem: Reduced, burden: Burden, noise: float) -> list[FreedMass]:
+    """Fit the readings with each uncertain mass freed from its bounds in turn.
 
     Args:
-        problem: the convex problem of the last step.
+        problem: convex problem of the last step.
         burden: bodies and springs.
         noise: mean square of the residuals, in units of sigma².
+
+    Returns:
+        One fit for each uncertain mass whose weight loads a joint.
     """
     from scipy.optimize import least_squares
 
@@ -67,16 +70,19 @@ def freed_masses(problem: Reduced, burden: Burden, noise: float) -> list[FreedMa
     bounds = (least, np.concatenate([problem.cones.cap, np.full(count, np.inf)]))
     scale = np.sqrt(noise)
 
-    def fitted(start: FloatArray, free: int | None) -> tuple[FloatArray, float, FloatArray]:
+    def fit_masses(start: FloatArray, free: int | None) -> tuple[FloatArray, float, FloatArray]:
+        """Fit y = (c, ζ) with mass `free` unbounded; return y, the loss and the Jacobian."""
         prior = np.sqrt(3.0) * np.eye(n + count)[n:] * np.where(np.arange(count) == free, _FREE, 1.0)[:, None]
 
         def residual(y: FloatArray) -> FloatArray:
+            """Return the residuals of readings and prior at y = (c, ζ)."""
             x = np.zeros(size)
             for i, (place, own) in enumerate(blocks):
                 x[place] = y[i] * np.array([1.0, *y[own]])
             return np.concatenate([(problem.A @ x - problem.b) / scale, prior @ y])
 
         def slopes(y: FloatArray) -> FloatArray:
+            """Return the Jacobian of the residuals at y = (c, ζ)."""
             by_unknown = np.zeros((size, n + count))
             for i, (place, own) in enumerate(blocks):
                 part = by_unknown[place]
@@ -89,45 +95,51 @@ def freed_masses(problem: Reduced, burden: Burden, noise: float) -> list[FreedMa
 
     by_joints = problem.A[:, problem.cones.first]
     alone = np.clip(np.linalg.lstsq(by_joints, problem.b)[0], 0.0, problem.cones.cap)
-    common, loss, _ = fitted(np.concatenate([alone, np.zeros(count)]), None)
+    common, loss, _ = fit_masses(np.concatenate([alone, np.zeros(count)]), None)
     freed = []
     for k, number, half in seen:
-        y, left, jacobian = fitted(common, k)
+        y, left, jacobian = fit_masses(common, k)
         root = np.linalg.pinv(jacobian, rcond=0.0)
         variance = float(root[n + k] @ root[n + k])
         slope = root[:n] @ root[n + k] / variance
-        # For a mass near zero relative to its uncertainty, use that with the mass as stated
+        # A compliance near zero is replaced by its uncertainty with the mass held as stated.
         rest = np.maximum(y[:n], np.linalg.norm(root[:n] - np.outer(slope, root[n + k]), axis=1))
         doubled = means[number] / half * slope / np.where(rest > 0.0, rest, np.inf)
-        is_told = 3.0 * _FREE**2 * variance < 0.5
+        is_determined = 3.0 * _FREE**2 * variance < 0.5
         mass = means[number] + half * float(y[n + k])
-        uncertainty = half * float(np.sqrt(variance)) if is_told else np.inf
+        uncertainty = half * float(np.sqrt(variance)) if is_determined else np.inf
         freed.append(FreedMass(number, mass, uncertainty, loss - left, doubled))
     return freed
 
 
-def contradicted(freed: Sequence[FreedMass]) -> FreedMass | None:
-    """Return the mass whose statement the readings contradict most; None if they contradict none."""
+def find_contradicted_mass(freed: Sequence[FreedMass]) -> FreedMass | None:
+    """Return the mass that the readings contradict most; None if they contradict none."""
     known = (each for each in freed if np.isfinite(each.uncertainty))
     worst = max(known, key=lambda each: each.gain, default=None)
     return None if worst is None or worst.gain <= CONTRADICTED else worst
 
 
-def widened(bodies: Sequence[Body], wrong: FreedMass) -> tuple[Body, ...]:
-    """Return bodies whose bounds hold what the readings ask for, within two standard uncertainties."""
+def widen_mass_bounds(bodies: Sequence[Body], wrong: FreedMass) -> tuple[Body, ...]:
+    """Return the bodies with the wrong mass's bounds widened to two uncertainties about its fitted value."""
     low, high = wrong.mass - 2.0 * wrong.uncertainty, wrong.mass + 2.0 * wrong.uncertainty
     body = bodies[wrong.body]
     wide = replace(body, least=max(0.0, min(body.least, low)), most=max(body.most, high))
     return (*bodies[: wrong.body], wide, *bodies[wrong.body + 1 :])
 
 
-def contradiction(body: Body, wrong: FreedMass, *, held: bool = True) -> Finding:
-    """Report a mass that the readings contradict; `held`, whether the intervals hold what they ask for."""
-    which = "The intervals hold both" if held else "No fit with both settles"
+def report_contradicted_mass(body: Body, wrong: FreedMass, *, held: bool = True) -> Finding:
+    """Build the finding about a mass that the readings contradict.
+
+    Args:
+        body: body with the stated mass.
+        wrong: fit of the mass without bounds.
+        held: whether the intervals cover both the stated and the fitted mass.
+    """
+    which = "The intervals cover both masses" if held else "No fit that allows both masses converged"
     return Finding(
         code="masses_contradicted",
         weight="use_with_care" if held else "do_not_use",
-        message=f"the readings contradict the mass of {body.name}: they ask for {wrong.mass:.3g} kg "
+        message=f"the readings contradict the mass of {body.name}: they suggest {wrong.mass:.3g} kg "
         f"± {wrong.uncertainty:.2g} kg instead of {body.mass:.3g} kg, and χ² falls by {wrong.gain:.3g}. "
         f"{which}",
         remedy=f"check the mass of {body.name}, its neighbours' and what hung on the flange; a known payload "
@@ -135,8 +147,8 @@ def contradiction(body: Body, wrong: FreedMass, *, held: bool = True) -> Finding
     )
 
 
-def unchecked(bodies: Sequence[Body], freed: Sequence[FreedMass]) -> Finding | None:
-    """Report, for information, masses that decide a stiffness and that the readings do not check."""
+def report_unchecked_masses(bodies: Sequence[Body], freed: Sequence[FreedMass]) -> Finding | None:
+    """Build the finding about masses that affect a stiffness and that the readings do not check, or None."""
     names, change = [], 0.0
     for each in freed:
         effect = float(np.abs(each.doubled).max(initial=0.0))
@@ -148,7 +160,7 @@ def unchecked(bodies: Sequence[Body], freed: Sequence[FreedMass]) -> Finding | N
     return Finding(
         code="masses_unchecked",
         weight="use",
-        message=f"the readings do not check the mass of {', '.join(names)}: twice that stated may not show, "
-        f"and changes a compliance by up to {100 * change:.2g} %",
+        message=f"the readings do not check the mass of {', '.join(names)}: twice the stated mass might not "
+        f"be noticed, and would change a compliance by up to {100 * change:.2g} %",
         remedy="be sure of these masses, or hang a known payload in half of the postures",
     )

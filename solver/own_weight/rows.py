@@ -75,7 +75,7 @@ class Balancer:
 
 @dataclass(frozen=True, eq=False)
 class Burden:
-    """Bodies that the joints carry, some in some observations only, and balancers."""
+    """Bodies that the joints carry, each in all or some observations, and balancing springs."""
 
     bodies: tuple[Body, ...]  #: links, tool, payloads
     balancers: tuple[Balancer, ...] = ()  #: springs between base and links
@@ -83,7 +83,7 @@ class Burden:
 
     @cached_property
     def unknown(self) -> tuple[list[tuple[int, FloatArray]], list[tuple[int, int, float]]]:
-        """Return the unknowns of the bodies, in the order of `Torques`, and the uncertain centres of mass.
+        """Unknowns of the bodies, in the order of `Torques`, and uncertain centres of mass.
 
         Each unknown is the index of a body, and the inertia (4,) [kg, kg·m] of its greatest deviation. Each
         centre is the index of the first of its three moments among the unknowns, the index of the mass of the
@@ -102,7 +102,11 @@ class Burden:
         return unknown, balls
 
     def block(self, acts: BoolArray) -> tuple[Block, list[int]]:
-        """Return the unknowns of a joint that some (K,) act on, and which of all they are."""
+        """Return the cone of the unknowns that act on one joint, and their indices among all K unknowns.
+
+        Args:
+            acts: (K,) whether an unknown changes the torque of the joint.
+        """
         balls = [
             (first, own, ratio) for first, own, ratio in self.unknown[1] if acts[first : first + 3].any()
         ]
@@ -144,7 +148,7 @@ class WeightReadings:
 
 @dataclass(frozen=True, eq=False)
 class Torques:
-    """Torques of B postures: those known, and those of each of K unknowns at its bound."""
+    """Torques in B postures: of nominal weights and loads, and of each of K unknowns at its bound."""
 
     known: FloatArray  #: (B, n) of loads and of the nominal parameters, the middles of their bounds [N·m]
     unit: FloatArray  #: (B, n, K) of each deviation from them at its bound
@@ -167,11 +171,11 @@ class WeightRows:
 
     @property
     def varies(self) -> BoolArray:
-        """Return the joints (n,) whose torque varies over the postures."""
+        """(n,) whether the torque of a joint varies over the postures."""
         return np.asarray(np.ptp(self.torques.known, axis=0) > _CONSTANT * self.across)
 
 
-def rows_at(
+def linearise_readings(
     robot: Robot,
     readings: WeightReadings,
     whitened: PoseReadings,
@@ -179,18 +183,18 @@ def rows_at(
     sag: FloatArray,
     compliance: FloatArray,
 ) -> WeightRows:
-    """Linearise the readings.
+    """Linearise readings of positions about a geometry and a sag.
 
     Args:
-        robot: nominal.
-        readings: N observations, gravity as it is taken to be.
+        robot: nominal robot.
+        readings: N observations, with the assumed vector of gravity.
         whitened: the same positions with their weights.
         state: geometry to linearise about.
         sag: (N, n) θ [rad].
-        compliance: (n,) by which gravity's direction shows [rad/(N·m)].
+        compliance: (n,) by which the direction of gravity affects the sag [rad/(N·m)].
     """
     motion = state.motion(replace(whitened, angles=whitened.angles + sag))
-    torques = torques_of(robot, readings, motion)
+    torques = compute_torques(robot, readings, motion)
     swings = motion.swings()
     gap = whitened.points - motion.points + np.einsum("ktin,kn->kti", swings, sag)
     weighted = (whitened.weight @ swings).reshape(*swings.shape[:1], -1, swings.shape[-1])
@@ -202,7 +206,7 @@ def rows_at(
     )
     terms = {
         "geometry": geometry.reshape(count, weighted.shape[1], -1),
-        "base": (whitened.weight @ base_motion(torques, motion.points)).reshape(count, -1, 3),
+        "base": (whitened.weight @ compute_base_motion(torques, motion.points)).reshape(count, -1, 3),
         "gravity": tilted,
         "joints": weighted * torques.known[:, None],
         "products": (weighted[..., None] * torques.unit[:, None]).reshape(*weighted.shape[:2], -1),
@@ -220,10 +224,10 @@ def rows_at(
     )
 
 
-def base_motion(torques: Torques, places: FloatArray) -> FloatArray:
-    """Return the motion (B, T, 3, 3) of places (B, T, 3) by C_xx, C_yy, C_xy of a base that tilts.
+def compute_base_motion(torques: Torques, places: FloatArray) -> FloatArray:
+    """Return the derivatives (B, T, 3, 3) of places (B, T, 3) by C_xx, C_yy, C_xy of a tilting base.
 
-    It turns about R0's origin by ``φ = C M``, M the moment of weights and loads there, about x and y.
+    The base turns about R0's origin by ``φ = C M``, M the moment of weights and loads there about x and y.
     """
     (x, y), none = torques.on_base[:, :2].T, np.zeros(len(places))
     turns = np.array([[x, none, none], [none, y, none], [y, x, none]])  # (unknowns, 3, B)
@@ -235,10 +239,10 @@ def perpendicular_basis(vector: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.svd(vector[None])[2][1:].T)
 
 
-def torques_of(robot: Robot, readings: WeightReadings, motion: Motion) -> Torques:
-    """Return the torques of loads, bodies and balancers in the postures of a motion.
+def compute_torques(robot: Robot, readings: WeightReadings, motion: Motion) -> Torques:
+    """Compute the torques of loads, bodies and balancers in the postures of a motion.
 
-    Frames that move with the joints, and the flange's, are the nominal robot's, laid on the fitted axes.
+    Joint frames and the flange frame are those of the nominal robot, moved onto the fitted axes.
     """
     burden, axes = readings.burden, motion.axes
     still = Postures(robot, np.zeros((1, robot.n)))
@@ -285,16 +289,17 @@ def torques_of(robot: Robot, readings: WeightReadings, motion: Motion) -> Torque
 def planned_rows(
     robot: Robot, burden: Burden, targets: FloatArray, compliance: FloatArray, *, free_base: bool = False
 ) -> Callable[[FloatArray], FloatArray]:
-    """Return a function from postures (N, n) to rows (N, 3 T, P) of a reading of targets (T, 3) [m].
+    """Return a function that maps postures (N, n) to rows (N, 3 T, P) of readings of targets (T, 3) [m].
 
-    The columns are those of the joints' compliances, then those of the geometry, of a base that tilts, and of
-    the masses, in units of what is known of each beforehand (method.md §10, §14). Errors of masses show by
-    compliances (n,) [rad/(N·m)].
+    The columns are those of the joints' compliances, of the geometry, of a tilting base and of the masses.
+    All but the first are in units of their prior uncertainty (method.md §10, §14). Errors of masses affect
+    the readings in proportion to nominal compliances (n,) [rad/(N·m)].
     """
     axes, flange = chain_axes(robot.chain)
     names = tuple(map(str, range(len(targets))))
 
     def rows(joints: FloatArray) -> FloatArray:
+        """Return the rows (N, 3 T, P) of unloaded readings in postures (N, n)."""
         angles = robot.joint_map.model_angles(joints)
         count, shape = len(joints), (len(joints), *targets.shape)
         places = Postures(robot, angles).to_base(np.broadcast_to(targets, shape))
@@ -302,7 +307,7 @@ def planned_rows(
         nothing, carried = np.zeros((count, 3)), np.ones((count, len(burden.bodies)))
         readings = WeightReadings(poses, burden, carried, nothing, nothing, nothing)
         state = PoseState(axes, transformed(flange, targets), np.zeros(count))
-        found = rows_at(robot, readings, poses.whitened, state, np.zeros(angles.shape), compliance)
+        found = linearise_readings(robot, readings, poses.whitened, state, np.zeros(angles.shape), compliance)
         stack = found.stack.in_units({"geometry": _GEOMETRY, "base": _BASE})
         part = {name: stack.rows[..., columns] for name, columns in stack.span.items()}
         products = part["products"].reshape(*stack.rows.shape[:2], *found.torques.unit.shape[1:])
@@ -329,7 +334,7 @@ class Reduced:
 
     @property
     def blocks(self) -> Iterator[tuple[int, float, slice, list[int]]]:
-        """Yield joint, unit, place in x, and unknowns of each block."""
+        """Joint, unit of its compliance [rad/(N·m)], place in x, and unknowns of each block."""
         for j, unit, start, own in zip(
             self.seen.tolist(), self.unit.tolist(), self.cones.first.tolist(), self.unknowns, strict=True
         ):
@@ -348,7 +353,7 @@ class Reduced:
         return unknowns
 
     def sag(self, torques: Torques, x: FloatArray) -> FloatArray:
-        """Return the sag (N, n) [rad] by torques and an x."""
+        """Return the sag (N, n) [rad] that a solution x gives with the torques of N postures."""
         sag = np.zeros(torques.known.shape)
         for j, unit, place, own in self.blocks:
             by_unknowns = torques.unit[:, j][:, own] @ x[place][1:]

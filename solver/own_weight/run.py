@@ -22,9 +22,9 @@ from jointstiff.solver.estimation.solution import greatest_violations
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import point, rows
-from jointstiff.solver.predict.answers import stored_model
+from jointstiff.solver.predict.answers import build_stored_model
 from jointstiff.solver.predict.models import JointModel
-from jointstiff.solver.result import joint_results, stated_assessment
+from jointstiff.solver.result import build_joint_results, stated_assessment
 
 if TYPE_CHECKING:
     from jointstiff.solver.own_weight.identification import WeightEstimate
@@ -38,7 +38,11 @@ AnyOptions = TypeVar("AnyOptions", bound=RunOptions)
 
 
 def with_only_load(robot: Robot, measurements: Measurements, options: AnyOptions) -> AnyOptions:
-    """Return options by own weight where that is the only load; as they are, where they forbid that."""
+    """Return options that identify by own weight, if the readings have no other load.
+
+    Options are returned unchanged if the readings have a load, the robot has no masses, or the options
+    exclude identification by own weight.
+    """
     if not (measurements.is_unloaded and robot.bodies):
         return options
     stated = options.model_dump(mode="json", exclude_unset=True)
@@ -51,12 +55,12 @@ def with_only_load(robot: Robot, measurements: Measurements, options: AnyOptions
 def run_by_weight(
     robot: Robot, m: Measurements, options: RunOptions, noticed: Sequence[Finding] = ()
 ) -> RunResult:
-    """Identify from positions and masses.
+    """Identify joint stiffnesses from positions under the robot's own weight, and its masses.
 
     Args:
         robot: n joints, with bodies.
         m: N observations.
-        options: of the run; its weight, as by default where none is stated.
+        options: options of the run; default options of own weight are used if none are stated.
         noticed: findings of the integrity checks of these measurements.
 
     Raises:
@@ -66,7 +70,7 @@ def run_by_weight(
     from jointstiff.solver.own_weight.identification import identify_weight
 
     weight = options.weight or OwnWeight()
-    readings, observation = _positions_in_order(robot, m, weight)
+    readings, observation = _collect_positions(robot, m, weight)
     by_loads = m.present & m.in_flange
     loaded = replace(m, present=by_loads, deflection=np.where(by_loads[..., None], m.deflection, 0.0))
     estimate = identify_weight(
@@ -87,11 +91,11 @@ def run_by_weight(
     given = readings.poses.sigma is not None
     model = None
     if any(joint.compliance is not None for joint in joints):
-        model = stored_model(_model(robot, estimate), _NO_MODEL_ERROR)
+        model = build_stored_model(_build_model(robot, estimate), _NO_MODEL_ERROR)
     test = sigma_test(estimate.chi_square, estimate.degrees_of_freedom) if given else None
     return RunResult(
         assessment=stated_assessment(assessment, joints),
-        joints=list(joint_results(assessment, joints)),
+        joints=list(build_joint_results(assessment, joints)),
         compensation=float(1.0 - left.mean() / moved.mean()),
         rms_residual=float(np.sqrt(np.square(left).mean())),
         sigma=estimate.sigma,
@@ -126,15 +130,20 @@ def run_by_weight(
             residual=residual,
         ),
         model=model,
-        weight=_numbers(estimate),
+        weight=_build_weight_result(estimate),
         warnings=[*noticed, *assessment.remarks],
     )
 
 
-def _positions_in_order(
-    robot: Robot, m: Measurements, weight: OwnWeight
-) -> tuple[WeightReadings, IndexArray]:
-    """Return all positions, those without a load first, and the observation (rows,) of each row."""
+def _collect_positions(robot: Robot, m: Measurements, weight: OwnWeight) -> tuple[WeightReadings, IndexArray]:
+    """Collect all absolute positions, unloaded ones first, then those under a load.
+
+    Returns:
+        The readings; and (rows,) the index of the observation of each row.
+
+    Raises:
+        RequestError: the robot has no masses, or the set has no positions.
+    """
     from jointstiff.solver.geometry.poses import Poses
     from jointstiff.solver.own_weight.rows import Balancer, Burden, WeightReadings
 
@@ -148,7 +157,7 @@ def _positions_in_order(
     unloaded = loaded if m.unloaded_only is None else loaded | m.unloaded_only
     if not unloaded.any():
         raise RequestError(
-            "the set has only deflections, which own weight does not change",
+            "the set has deflections only, but own weight is identified from positions",
             where="weight",
             remedy="give positions, `unloaded` alone or with `loaded`, or omit `weight`",
         )
@@ -188,16 +197,16 @@ def _positions_in_order(
     )
 
 
-def _model(robot: Robot, estimate: WeightEstimate) -> JointModel:
-    """Return the model that predicts under loads.
+def _build_model(robot: Robot, estimate: WeightEstimate) -> JointModel:
+    """Build the joint model that predicts deflections under loads.
 
-    Errors of masses are common to the joints in a way that intervals do not tell. By Cauchy and Schwarz
-    ``(Σ |A_j| u_j)² ≤ n Σ A_j² u_j²``, so n times the variances, uncorrelated, hold any correlation.
+    Errors of masses correlate the joints to an unknown degree. By Cauchy and Schwarz
+    ``(Σ |A_j| u_j)² ≤ n Σ A_j² u_j²``, so n times the variances, uncorrelated, cover any correlation.
     """
     seen = np.array(
         [j for j, joint in enumerate(estimate.joints) if joint.compliance is not None], dtype=np.intp
     )
-    compliance = estimate.fit.compliance  # of joints without a number, too: their products tell the sag
+    compliance = estimate.fit.compliance  # of all joints, as those without a number sag, too
     variance = np.array([(joint.standard_uncertainty or 0.0) ** 2 for joint in estimate.joints])[seen]
     likelihood = Likelihood(seen, compliance[seen], len(seen) * np.diag(variance))
     return JointModel(
@@ -210,7 +219,8 @@ def _model(robot: Robot, estimate: WeightEstimate) -> JointModel:
     )
 
 
-def _numbers(estimate: WeightEstimate) -> WeightResult:
+def _build_weight_result(estimate: WeightEstimate) -> WeightResult:
+    """Return as a message the torque, the sag and the causes of uncertainty of each joint."""
     torque, sag = estimate.fit.rows.torques.known, np.abs(estimate.fit.sag).max(axis=0)
     shares = rows(
         WeightShare,

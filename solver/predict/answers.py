@@ -50,7 +50,7 @@ _FULL_TURN: Final = 2.0 * np.pi
 
 @dataclass(frozen=True, eq=False)
 class MapTask:
-    """Everything that a map asks of each place, which chooses among O orientations of the flange."""
+    """Task of a map: tool, loads and limits at each place, with O orientations to choose from."""
 
     rotation: FloatArray  #: (O, 3, 3) axes of the flange in R0
     force: FloatArray  #: (O, 3) on the robot, axes of R0 [N]
@@ -59,12 +59,17 @@ class MapTask:
     place: FloatArray  #: (3,) place of the tool, flange frame [m]: it is brought to the places
     load_point: FloatArray  #: (3,) where the force acts, flange frame [m]
     limits: FloatArray  #: (n, 2) least and greatest angles as the controller shows them [rad]; ∓inf for none
-    #: (n,) controller's angles [rad] that each place stays nearest to; None: it is the stiffest
+    #: (n,) controller's angles [rad] to which postures stay nearest; None chooses the stiffest postures
     near: FloatArray | None
     confidence: float  #: level of the intervals
 
     def cases(self, orientation: IndexArray, joints: FloatArray) -> LoadCases:
-        """Return the load cases of postures (R, n) in orientations (R,)."""
+        """Build the load cases of R postures.
+
+        Args:
+            orientation: (R,) index of each posture's orientation of the flange.
+            joints: (R, n) controller's angles [rad].
+        """
         count = len(joints)
         return LoadCases(
             joints=joints.copy(),
@@ -76,10 +81,10 @@ class MapTask:
 
 
 def tool_rotations(tool_axis: FloatArray, directions: FloatArray, turns: int) -> FloatArray:
-    """Return the orientations of the flange that point a tool along directions.
+    """Return the orientations of the flange that point a tool along directions, turned about the tool axis.
 
-    At angle zero the flange's x axis, as far as it is across the tool, points along x of R0, as far as that
-    is across the direction; y takes the place of an x that is along. Angles follow about the tool axis.
+    At angle zero the flange's x axis, projected across the tool, points along x of R0, projected across the
+    direction. Where x is parallel to the axis, y is used instead.
 
     Args:
         tool_axis: (3,) unit vector in the flange frame.
@@ -90,26 +95,39 @@ def tool_rotations(tool_axis: FloatArray, directions: FloatArray, turns: int) ->
         (D·A, 3, 3) axes of the flange in R0, the angles of a direction together.
     """
     about = Rotation.from_euler("z", _FULL_TURN * np.arange(turns)[:, None] / turns).as_matrix()
-    tool = _frame_about(tool_axis)
-    return np.concatenate([_frame_about(direction) @ about @ tool.T for direction in directions])
+    tool = _build_frame_about(tool_axis)
+    return np.concatenate([_build_frame_about(direction) @ about @ tool.T for direction in directions])
 
 
-def _frame_about(axis: FloatArray) -> FloatArray:
-    """Return right-handed axes (3, 3), the last of them given; the first is nearest to x, or else to y."""
+def _build_frame_about(axis: FloatArray) -> FloatArray:
+    """Return right-handed orthonormal axes (3, 3) as columns, for a given last axis (3,).
+
+    The first axis is nearest to x, or to y if the given axis is along x.
+    """
     x, y = np.eye(3)[:2] - np.outer(axis[:2], axis)
     across = x if np.linalg.norm(x) > 1e-6 else y
     first = across / np.linalg.norm(across)
     return np.stack([first, cross(axis, first), axis], axis=1)
 
 
-def postures_within_limits(
+def find_postures_within_limits(
     robot: Robot, task: MapTask, inverse: InverseKinematics, places: FloatArray
 ) -> tuple[IndexArray, IndexArray, FloatArray, IndexArray, IndexArray]:
-    """Return place, orientation and angles (K,), (K,), (K, n) of all postures within limits.
+    """Find all postures that bring the tool to places, within the limits of task and robot.
 
-    Last come the places (S,) that some posture reaches, limits or not, and those (L,) where a posture is
-    not known: a map that keeps near to a posture follows its branch where solutions may be missing, near a
-    singularity, as programs follow theirs, and takes what it finds if no other solution is nearer.
+    Near a singularity the inverse kinematics may miss solutions. A task that keeps near a posture then
+    follows the branch of that posture, and uses the posture found if no other solution is nearer.
+
+    Args:
+        robot: n joints.
+        task: tool, orientations and limits.
+        inverse: inverse kinematics of the robot.
+        places: (P, 3) in R0 [m].
+
+    Returns:
+        Of K postures: (K,) index of the place, (K,) index of the orientation, (K, n) controller's angles
+        [rad]. Then indices (S,) of places that some posture reaches, within limits or not; and (L,) of places
+        where the branch could not be followed.
     """
     count = len(task.rotation)
     poses = np.zeros((len(places), count, 4, 4))
@@ -169,7 +187,7 @@ class DeflectionMap:
 
     @property
     def reached(self) -> BoolArray:
-        """(P,) whether a place has numbers."""
+        """(P,) whether a place is reached, and so has numbers."""
         return np.asarray(self.status == _REACHED)
 
     @property
@@ -178,6 +196,7 @@ class DeflectionMap:
         return np.asarray(np.linalg.norm(self.displacement, axis=1))
 
     def __len__(self) -> int:
+        """Return the number P of places."""
         return len(self.status)
 
 
@@ -188,20 +207,20 @@ def map_places(
     inverse: InverseKinematics,
     places: FloatArray,
 ) -> DeflectionMap:
-    """Map some places.
+    """Map places: choose a posture for each place and compute how far the tool bends there.
 
-    The posture is chosen by the deflection that is linear in the load; all numbers of the chosen posture are
-    the forward model's, as predictions are.
+    The posture is chosen by the deflection to first order in the load, or nearest to `task.near`. The numbers
+    of the chosen posture are exact predictions of the forward model.
 
     Args:
         model: model of the loaded robot.
-        error: of the model; None where it has none.
+        error: error of the model; None if unknown.
         task: tool, wrench and limits.
         inverse: kinematics of the same robot.
         places: (P, 3) in R0 [m].
     """
     robot, result = model.robot, DeflectionMap.all_out_of_reach(len(places), model.robot.n)
-    place, orientation, joints, solved, lost = postures_within_limits(robot, task, inverse, places)
+    place, orientation, joints, solved, lost = find_postures_within_limits(robot, task, inverse, places)
     result.status[solved] = _JOINT_LIMITS
     result.status[lost] = _NOT_FOLLOWED
     if not len(joints):
@@ -212,7 +231,7 @@ def map_places(
         cases = task.cases(orientation, joints)
         size = np.linalg.norm(model.linear_displacement(cases, model.unloaded(cases)), axis=1)
     with np.errstate(divide="ignore"):
-        rank = np.round(np.log(size) / _TIE)  # what differs by rounding is a tie
+        rank = np.round(np.log(size) / _TIE)  # equal up to rounding: a tie
     order = np.lexsort((orientation, far, rank, place))
     best = order[np.unique(place[order], return_index=True)[1]]  # one posture of each place
     loaded = map_postures(model, error, task, orientation[best], joints[best])
@@ -228,11 +247,11 @@ def map_postures(
     orientation: IndexArray,
     joints: FloatArray,
 ) -> DeflectionMap:
-    """Return what a map says of postures.
+    """Compute the numbers of a map for given postures.
 
     Args:
         model: model of the loaded robot.
-        error: of the model; None where it has none.
+        error: error of the model; None if unknown.
         task: tool and wrench.
         orientation: (P,) index of the orientation.
         joints: (P, n) controller's angles [rad].
@@ -283,10 +302,16 @@ _BLOCKS: Final = {
 Answer = TypeVar("Answer", bound=Message)
 
 
-def answers_of(
+def build_messages_where(
     kind: type[Answer], where: Sequence[bool] | BoolArray, **columns: npt.NDArray[Any] | Sequence[Any]
 ) -> list[Answer | None]:
-    """Return a message for each row of columns, as `rows` does, and None where there is none."""
+    """Build one message of a kind for each row of columns where a mask is true; None for the other rows.
+
+    Args:
+        kind: class of the messages.
+        where: (N,) rows that get a message.
+        columns: N values of each field, by its name.
+    """
     there = np.flatnonzero(where).tolist()
     answers: list[Answer | None] = [None] * len(where)
     chosen = rows(kind, **{name: [column[i] for i in there] for name, column in columns.items()})
@@ -295,15 +320,25 @@ def answers_of(
     return answers
 
 
-def _rounded(values: FloatArray) -> list[float]:
+def _round_to_eight_digits(values: FloatArray) -> list[float]:
+    """Return the values of an array rounded to eight significant digits."""
     return [float(f"{value:.8g}") for value in values.tolist()]
 
 
-def stored_model(
+def build_stored_model(
     model: JointModel | ElasticPredictor, error: ModelError | JointstiffError
 ) -> stored_as.IdentifiedModel:
-    """Return a model as it is stored with its run, with its model error or the reason why it has none."""
-    stored = _elastic_part(model) if isinstance(model, ElasticPredictor) else _joint_part(model)
+    """Return a model as the message stored with its run.
+
+    Args:
+        model: model of joints, or of joints and links.
+        error: error of the model, or why it has none.
+    """
+    stored = (
+        _describe_elastic_model(model)
+        if isinstance(model, ElasticPredictor)
+        else _describe_joint_model(model)
+    )
     stored |= {
         "joints": model.robot.joint_names,
         "degrees_of_freedom": model.degrees_of_freedom,
@@ -324,7 +359,8 @@ def stored_model(
     return stored_as.IdentifiedModel.model_validate(stored)
 
 
-def _joint_part(model: JointModel) -> dict[str, Any]:
+def _describe_joint_model(model: JointModel) -> dict[str, Any]:
+    """Return the fields of a stored model in which only joints bend."""
     names, likelihood, bounds, weight = (
         model.robot.joint_names,
         model.likelihood,
@@ -336,7 +372,7 @@ def _joint_part(model: JointModel) -> dict[str, Any]:
             gravity=point(model.weight.gravity),
             mass=model.weight.mass.tolist(),
             centre=model.weight.centre.tolist(),
-            covariance_root=[_rounded(row) for row in model.weight.root],
+            covariance_root=[_round_to_eight_digits(row) for row in model.weight.root],
         )
     given = None if likelihood is None else likelihood.given_rows
     return {
@@ -352,7 +388,8 @@ def _joint_part(model: JointModel) -> dict[str, Any]:
     }
 
 
-def _elastic_part(model: ElasticPredictor) -> dict[str, Any]:
+def _describe_elastic_model(model: ElasticPredictor) -> dict[str, Any]:
+    """Return the fields of a stored model in which joints, links and base bend."""
     names, n = model.robot.joint_names, model.robot.n
     own = np.zeros(model.columns.width)
     own[model.kept] = model.entries
@@ -368,7 +405,7 @@ def _elastic_part(model: ElasticPredictor) -> dict[str, Any]:
             "links": [names[j] for j in model.columns.links],
             "columns": model.kept.tolist(),
             "entries": model.entries.tolist(),
-            "covariance_root": _rounded(root),
+            "covariance_root": _round_to_eight_digits(root),
         },
     }
 
@@ -376,15 +413,18 @@ def _elastic_part(model: ElasticPredictor) -> dict[str, Any]:
 def forward_model(
     robot: Robot, stored: stored_as.IdentifiedModel, weight: OwnWeight | None = None
 ) -> tuple[ForwardModel, ModelError | None]:
-    """Return the model of a run, ready to predict.
+    """Return the forward model of a run, and its model error, from the stored message.
 
     Args:
-        robot: that was measured.
-        stored: model of the run.
-        weight: own weight of the links, which only elastic joints take; None leaves it out.
+        robot: robot that was measured.
+        stored: model of the run as stored.
+        weight: own weight of the links, used only where joints alone bend; None leaves it out.
+
+    Returns:
+        The model; and its error, None if it has none.
 
     Raises:
-        RequestError: it is of another robot.
+        RequestError: the model is of a robot with other joints.
     """
     if list(robot.joint_names) != stored.joints:
         raise RequestError(
@@ -394,7 +434,7 @@ def forward_model(
         )
     error = None
     if stored.error is not None:
-        score = _limits([step.score for step in stored.error.steps], np.inf)
+        score = _fill_missing_limits([step.score for step in stored.error.steps], np.inf)
         share = np.array([step.share for step in stored.error.steps], dtype=np.float64)
         error = ModelError(score=score, share=share, **stored.error.model_dump(exclude={"steps"}))
     model: ForwardModel
@@ -409,7 +449,10 @@ def forward_model(
             np.array(stored.compliance),
             likelihood,
             Constraints(
-                Bounds(_limits(stored.lower, -np.inf), _limits(stored.upper, np.inf)), tuple(stored.order)
+                Bounds(
+                    _fill_missing_limits(stored.lower, -np.inf), _fill_missing_limits(stored.upper, np.inf)
+                ),
+                tuple(stored.order),
             ),
             weight,
             degrees_of_freedom=stored.degrees_of_freedom,
@@ -431,7 +474,8 @@ def forward_model(
     return model, error
 
 
-def _limits(values: Sequence[float | None], limit: float) -> FloatArray:
+def _fill_missing_limits(values: Sequence[float | None], limit: float) -> FloatArray:
+    """Return values as an array, with a limit in place of each None."""
     return np.array([limit if value is None else value for value in values], dtype=np.float64)
 
 
@@ -443,15 +487,17 @@ def case_results(
     labels: Sequence[str],
     budget: Budget | None,
 ) -> list[cases.CaseResult]:
-    """Return each load case; one that twists an unknown joint has its reason instead.
+    """Return the result of each load case as a message.
+
+    A case that twists an unknown joint has a remark instead of numbers.
 
     Args:
         bent: deflections of B cases.
         bound: model error of their displacements; None where it has no bound.
         directions: (B, 3) unit vectors along which stiffness is requested; NaN where there are none.
         confidence: level of the intervals.
-        labels: of the cases.
-        budget: of the run; None without one.
+        labels: names of the cases.
+        budget: uncertainty budget of the run; None if the run has none.
     """
     unseen, intervals, names = bent.unseen, bent.interval(confidence), bent.model.robot.joint_names
     there = np.asarray(~unseen.any(axis=1))
@@ -461,7 +507,7 @@ def case_results(
         known = np.where(there[:, None, None], intervals, np.nan)
     if bound is not None:
         radius = bound.radius
-        with_error = answers_of(
+        with_error = build_messages_where(
             cases.ModelErrorInterval,
             there & np.isfinite(radius),
             displacement=bound.interval(bent.displacement, intervals),
@@ -469,14 +515,14 @@ def case_results(
             load_ratio=bound.load_ratio,
             leverage_ratio=bound.leverage_ratio,
         )
-    remarks = [[] if bound is None else _extrapolation(bound, b) for b in range(len(labels))]
+    remarks = [[] if bound is None else _list_extrapolation_remarks(bound, b) for b in range(len(labels))]
     for b in np.flatnonzero(~there).tolist():
         twisted = ", ".join(np.array(names)[unseen[b]])
         remarks[b] = [
             f"the load or own weight twists {twisted}, which the readings of the run do not determine: the "
             "prediction is not valid"
         ]
-    budgets = _budgets(bent, budget, radius, bent.model.quantile(confidence))
+    budgets = _build_budget_messages(bent, budget, radius, bent.model.quantile(confidence))
     return rows(
         cases.CaseResult,
         label=labels,
@@ -485,13 +531,14 @@ def case_results(
         readings_only=known[:, :3],
         rotation_interval=known[:, 3:],
         with_model_error=with_error,
-        compliance=_compliances(bent, directions, there),
+        compliance=_build_compliance_messages(bent, directions, there),
         remarks=remarks,
         budget=[each if known else None for each, known in zip(budgets, there, strict=True)],
     )
 
 
-def _extrapolation(bound: ModelErrorBound, b: int) -> list[str]:
+def _list_extrapolation_remarks(bound: ModelErrorBound, b: int) -> list[str]:
+    """Return in words how far load case b is outside of what the campaign measured; empty if inside."""
     load, leverage = float(bound.load_ratio[b]), float(bound.leverage_ratio[b])
     remarks = []
     if np.isinf(load):
@@ -508,12 +555,16 @@ def _extrapolation(bound: ModelErrorBound, b: int) -> list[str]:
     return remarks
 
 
-def _compliances(
+def _build_compliance_messages(
     bent: Deflection, directions: FloatArray, there: BoolArray
 ) -> list[cases.CartesianCompliance | None]:
+    """Return the Cartesian compliance of each load case as a message; None where `there` (B,) is false.
+
+    Stiffness along a direction is left out where `directions` (B, 3) is NaN.
+    """
     found, worst, known = bent.compliance, bent.compliance.worst, ~np.isnan(directions[:, 0])
     u = np.where(known[:, None], directions, [1.0, 0.0, 0.0])
-    along = answers_of(
+    along = build_messages_where(
         cases.DirectionalStiffness,
         there & known,
         direction=u,
@@ -523,20 +574,27 @@ def _compliances(
         compliance=found.along(u),
         standard_uncertainty=found.deviation_along(u),
     )
-    return answers_of(
+    return build_messages_where(
         cases.CartesianCompliance,
         there,
         **{name: found.matrix[:, moved, load] for name, (moved, load) in _BLOCKS.items()},
         symmetric=found.symmetric,
         along=along,
-        worst=answers_of(cases.WorstDirection, there, **vars(worst)),
+        worst=build_messages_where(cases.WorstDirection, there, **vars(worst)),
     )
 
 
-def _budgets(
+def _build_budget_messages(
     bent: Deflection, budget: Budget | None, radius: FloatArray, factor: float
 ) -> Sequence[cases.DeflectionBudget | None]:
-    """Return the budget of each displacement's length, by the covariances of the run's components."""
+    """Return the uncertainty budget of each displacement's length as a message; None without one.
+
+    Args:
+        bent: deflections of B cases.
+        budget: uncertainty budget of the run's compliances.
+        radius: (B,) model error [m]; inf where unknown.
+        factor: coverage factor of the intervals.
+    """
     if budget is None:
         return [None] * len(radius)
     joints = bent.model.robot.joint_names
@@ -572,10 +630,10 @@ def _budgets(
 
 
 def map_numbers(table: DeflectionMap, places: FloatArray, tool: FloatArray) -> dict[str, Any]:
-    """Return what sums up a map: counts, percentiles, the worst and the stiffest place.
+    """Summarise a map in the fields of its message: counts, percentiles, the worst and the stiffest place.
 
     Args:
-        table: P places.
+        table: map of P places.
         places: (P, 3) in R0 [m].
         tool: (O, 3) direction of the tool in each orientation, in R0.
     """

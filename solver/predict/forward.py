@@ -67,11 +67,11 @@ class CartesianCompliance:
         return self.matrix[:, :3, :3]
 
     def along(self, direction: FloatArray) -> FloatArray:
-        """(B,) ``uᵀ C_tt u``, compliance along directions [m/N]."""
+        """Return ``uᵀ C_tt u`` (B,), the compliance along directions [m/N]."""
         return np.asarray(np.einsum("bi,bij,bj->b", direction, self.translation, direction))
 
     def across(self, direction: FloatArray) -> FloatArray:
-        """(B,) greatest eigenvalue of C_tt in the plane across directions [m/N]."""
+        """Return the greatest compliance (B,) in the plane across directions [m/N], an eigenvalue of C_tt."""
         helper = np.where(np.abs(direction[:, :1]) < 0.6, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
         first = unit_vectors(cross(direction.T, helper.T).T)
         plane = np.stack([first, cross(direction.T, first.T).T], axis=1)  # (B, 2, 3)
@@ -80,24 +80,27 @@ class CartesianCompliance:
         return np.asarray(0.5 * (a + c) + np.hypot(0.5 * (a - c), b))
 
     def stiffness_lateral_free(self, direction: FloatArray) -> FloatArray:
-        """(B,) ``1/(uᵀ C_tt u)`` [N/m]: force per displacement along u, motion across u left free."""
+        """Return ``1/(uᵀ C_tt u)`` (B,) [N/m]: force per displacement along u if motion across u is free."""
         with np.errstate(divide="ignore"):
             return 1.0 / self.along(direction)
 
     def stiffness_lateral_blocked(self, direction: FloatArray) -> FloatArray:
-        """(B,) ``uᵀ C_tt⁻¹ u`` [N/m]: motion across u blocked; inf where C_tt is singular."""
-        return _inverse_form(self.translation, direction)
+        """Return ``uᵀ C_tt⁻¹ u`` (B,) [N/m]: stiffness if motion across u is blocked; inf if singular."""
+        return _compute_inverse_form(self.translation, direction)
 
     def stiffness_rotation_blocked(self, direction: FloatArray) -> FloatArray:
-        """(B,) ``uᵀ K_tt u``, K = C_x⁻¹ [N/m]: all but motion along u blocked; inf where C_x is singular."""
-        return _inverse_form(self.matrix, np.pad(direction, ((0, 0), (0, 3))))
+        """Return ``uᵀ K_tt u`` (B,), K = C_x⁻¹ [N/m]: stiffness if all but motion along u is blocked.
+
+        It is inf where C_x is singular.
+        """
+        return _compute_inverse_form(self.matrix, np.pad(direction, ((0, 0), (0, 3))))
 
     @cached_property
     def worst(self) -> WorstDirection:
-        """The worst direction, its uncertainty by the law of propagation (GUM, 5.1.2).
+        """Direction of the greatest compliance, with its uncertainty by the law of propagation (GUM, 5.1.2).
 
-        ``∂λ/∂c_j = vᵀ (∂C/∂c_j) v`` and ``∂v/∂c_j = Σ_m v_m v_mᵀ(∂C/∂c_j)v / (λ − λ_m)``, the loaded posture
-        being held.
+        ``∂λ/∂c_j = vᵀ (∂C/∂c_j) v`` and ``∂v/∂c_j = Σ_m v_m v_mᵀ(∂C/∂c_j)v / (λ − λ_m)``, with the loaded
+        posture held constant.
         """
         symmetric = 0.5 * (self.translation + self.translation.transpose(0, 2, 1))
         values, vectors = np.linalg.eigh(symmetric)
@@ -115,7 +118,7 @@ class CartesianCompliance:
         return WorstDirection(worst, v, np.sqrt(variance[:, -1]), angle)
 
     def deviation_along(self, direction: FloatArray) -> FloatArray:
-        """(B,) standard uncertainty of ``uᵀ C_tt u`` [m/N]; NaN if unknown."""
+        """Return the standard uncertainty (B,) of the compliance ``uᵀ C_tt u`` [m/N]; NaN if unknown."""
         if self.by_joint is None:
             return np.full(len(direction), np.nan)
         left, right, covariance = self.by_joint()
@@ -123,8 +126,11 @@ class CartesianCompliance:
         return np.asarray(np.sqrt(np.einsum("bi,ij,bj->b", slope, covariance, slope)))
 
 
-def _inverse_form(matrices: FloatArray, direction: FloatArray) -> FloatArray:
-    """(B,) ``uᵀ A⁻¹ u``; inf where the equilibrated A (B, k, k) is singular."""
+def _compute_inverse_form(matrices: FloatArray, direction: FloatArray) -> FloatArray:
+    """Return ``uᵀ A⁻¹ u`` (B,) of matrices A (B, k, k) and vectors u (B, k); inf where A is singular.
+
+    Rows and columns are scaled to a unit diagonal before A is tested.
+    """
     scale = np.sqrt(np.abs(np.diagonal(matrices, axis1=1, axis2=2)))
     scale = np.where(scale > 0.0, scale, 1.0)
     equilibrated = matrices / scale[:, :, None] / scale[:, None]
@@ -138,7 +144,7 @@ def _inverse_form(matrices: FloatArray, direction: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class ForwardModel(ABC):
-    """A model of the loaded robot."""
+    """Model of the loaded robot: joints alone, or joints and links."""
 
     first_order: ClassVar[bool]
     """Whether it is linear in the load, without own weight and complementary stiffness."""
@@ -151,11 +157,11 @@ class ForwardModel(ABC):
     def deflect(
         self, cases: LoadCases, unloaded: Postures | None = None, near: Postures | None = None
     ) -> Deflection:
-        """Bend the robot.
+        """Compute the deflections of the robot under loads.
 
         Args:
             cases: B load cases.
-            unloaded: their kinematics without the load; None computes them.
+            unloaded: kinematics of the cases without the load; None computes them.
             near: kinematics near the loaded postures; None starts at the unloaded ones.
 
         Raises:
@@ -164,15 +170,15 @@ class ForwardModel(ABC):
 
     @abstractmethod
     def command(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
-        """Return angles (B, n) of the model [rad] under which a share of the deflection ends at the goal.
+        """Return angles (B, n) [rad] to command, so that the bent robot is in the wanted postures.
 
         Args:
             wanted: B loaded postures.
-            goal: their kinematics.
-            share: (B,) 0 to 1.
+            goal: kinematics of the wanted postures.
+            share: (B,) share of the deflection that is compensated, 0 to 1.
 
         Raises:
-            RequestError: there are none.
+            RequestError: no such angles exist near the wanted posture.
         """
 
     @abstractmethod
@@ -181,14 +187,14 @@ class ForwardModel(ABC):
 
     @abstractmethod
     def overloaded(self, cases: LoadCases, unloaded: Postures) -> BoolArray:
-        """Return whether the loads (B,) are beyond what the model describes."""
+        """Return a mask (B,) of load cases whose loads are beyond what the model describes."""
 
     def unloaded(self, cases: LoadCases) -> Postures:
         """Return the kinematics of load cases without their loads."""
         return Postures(self.robot, self.robot.joint_map.model_angles(cases.joints))
 
     def quantile(self, confidence: float) -> float:
-        """Return half the width of a two-sided interval in standard uncertainties."""
+        """Return the coverage factor: half-width of a two-sided interval over the standard uncertainty."""
         if not 0.0 < confidence < 1.0:
             raise RequestError(
                 f"the confidence is {confidence}",
@@ -210,7 +216,7 @@ class Deflection(ABC):
 
     @property
     def displacement(self) -> FloatArray:
-        """(B, 3) of the places [m]."""
+        """(B, 3) displacements of the places [m]."""
         return self.motion[:, :3]
 
     @property
@@ -225,15 +231,18 @@ class Deflection(ABC):
 
     @property
     @abstractmethod
-    def half(self) -> FloatArray | None:
-        """(B, 6, r) H, H Hᵀ their covariance by the readings alone, without constraints; None if unknown."""
+    def covariance_root(self) -> FloatArray | None:
+        """(B, 6, r) matrices H whose product H Hᵀ is the covariance of `motion`; None if it is unknown.
+
+        The covariance is by the readings alone, without constraints.
+        """
 
     @property
     @abstractmethod
     def unseen(self) -> BoolArray:
-        """(B, n) joints that the load twists and that the readings do not show.
+        """(B, n) joints that the load twists, and whose compliance the readings do not determine.
 
-        Where there is one, no number holds.
+        The numbers of a case with such a joint are not valid.
         """
 
     @property
@@ -243,9 +252,9 @@ class Deflection(ABC):
 
     @abstractmethod
     def compliance_known(self, direction: FloatArray) -> tuple[BoolArray, BoolArray]:
-        """Return whether the readings say how places answer to forces along directions (B, 3), and across.
+        """Return masks (B,): whether compliances along directions (B, 3), and across them, are known.
 
-        A joint that they do not show may answer to other forces than the load.
+        Forces in these directions may twist joints that the load itself does not.
         """
 
     def interval(self, confidence: float) -> FloatArray | None:
@@ -253,9 +262,9 @@ class Deflection(ABC):
 
         They respect the constraints of the fit; None where no uncertainty is known.
         """
-        if self.half is None:
+        if self.covariance_root is None:
             return None
-        spread = self.model.quantile(confidence) * np.linalg.norm(self.half, axis=2)
+        spread = self.model.quantile(confidence) * np.linalg.norm(self.covariance_root, axis=2)
         return np.stack([self.motion - spread, self.motion + spread], axis=-1)
 
     def interval_along(self, direction: FloatArray, confidence: float) -> FloatArray:
@@ -266,14 +275,18 @@ class Deflection(ABC):
 
     def deviation_along(self, direction: FloatArray) -> FloatArray:
         """Return standard uncertainties (B,) of displacements along unit vectors [m]; NaN if unknown."""
-        if self.half is None:
+        if self.covariance_root is None:
             return np.full(len(direction), np.nan)
-        return np.asarray(np.linalg.norm((direction[:, None] @ self.half[:, :3])[:, 0], axis=1))
+        return np.asarray(np.linalg.norm((direction[:, None] @ self.covariance_root[:, :3])[:, 0], axis=1))
 
     @property
     def leverage(self) -> FloatArray:
         """(B,) greatest standard uncertainty of a displacement in any direction [m]; zero if unknown."""
-        return np.zeros(len(self.motion)) if self.half is None else greatest_deviation(self.half[:, :3])
+        return (
+            np.zeros(len(self.motion))
+            if self.covariance_root is None
+            else greatest_deviation(self.covariance_root[:, :3])
+        )
 
     def length_uncertainties(self, covariances: FloatArray) -> FloatArray:
         """Return standard uncertainties of the displacements' lengths by source, ``√(uᵀ A C_k Aᵀ u)``.
@@ -290,7 +303,7 @@ class Deflection(ABC):
 
 
 def unit_vectors(vectors: FloatArray) -> FloatArray:
-    """Return the directions of vectors (B, 3); zero where there is none."""
+    """Return unit vectors (B, 3) along vectors (B, 3); zero where a vector is zero."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.asarray(vectors / np.where(length > 0.0, length, 1.0))
 
@@ -303,7 +316,7 @@ def greatest_deviation(half: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class CorrectionLimits:
-    """Rules by which a correction is held back."""
+    """Greatest corrections that a compensation may make."""
 
     displacement: float = 5e-3  #: greatest correction of the place [m]
     rotation: float = 10e-3  #: greatest correction of the orientation [rad]
@@ -335,16 +348,16 @@ def compensate(
     ramp: FloatArray | None = None,
     hold: Callable[[FloatArray], FloatArray] | None = None,
 ) -> Compensation:
-    """Command such postures that the bent robot brings the tool to the wanted places.
+    """Compute commands by which the bent robot brings the tool to the wanted places.
 
     Args:
-        model: of the loaded robot.
+        model: model of the loaded robot.
         wanted: m postures that bring the tool to the wanted places while nothing bends: `joints` are their
             angles as the controller would show them, the load acts there.
-        limits: by which corrections are held back.
-        ramp: (m,) shares of the corrections (`ramp_shares`); all of them if None.
-        hold: what brings commands (m, n) of the model to the same poses by the joints that are free to move;
-            None if all are.
+        limits: greatest corrections.
+        ramp: (m,) shares of the corrections (`ramp_shares`); None corrects in full.
+        hold: function that changes commands (m, n) so that the same poses are reached by the joints that are
+            free to move; None if all joints are.
 
     Raises:
         RequestError: a load twists an unknown joint, finds no stable balance, or cannot be
@@ -354,26 +367,26 @@ def compensate(
     ramp = np.ones(len(wanted)) if ramp is None else ramp
     goal = model.unloaded(wanted)
     still = goal.to_base(wanted.place[:, None])[:, 0], goal.flange_rotation
-    bare = model.deflect(wanted, goal)
-    if bare.unseen.any():
-        twisted = ", ".join(np.array(robot.joint_names)[bare.unseen.any(axis=0)])
+    uncorrected = model.deflect(wanted, goal)
+    if uncorrected.unseen.any():
+        twisted = ", ".join(np.array(robot.joint_names)[uncorrected.unseen.any(axis=0)])
         raise RequestError(
             f"the load or own weight twists {twisted}, which the readings do not determine",
             where="run_id",
             remedy="choose a run whose readings determine every joint that the process loads",
         )
-    uncertainty = bare.deviation_along(unit_vectors(bare.displacement))
-    uncertain = uncertainty > np.linalg.norm(bare.displacement, axis=1)
+    uncertainty = uncorrected.deviation_along(unit_vectors(uncorrected.displacement))
+    uncertain = uncertainty > np.linalg.norm(uncorrected.displacement, axis=1)
     share = np.where(uncertain, 0.0, ramp)
 
     def corrected(angles: FloatArray) -> tuple[Postures, FloatArray]:
         """Return the kinematics of commands (m, n), and how far they are from the wanted poses."""
         under = Postures(robot, angles if hold is None else hold(angles))
         place = under.to_base(wanted.place[:, None])[:, 0]
-        return under, _offset(*still, place, under.flange_rotation)
+        return under, _compute_pose_difference(*still, place, under.flange_rotation)
 
     under, correction = corrected(model.command(wanted, goal, share))
-    # Share (m,) of each correction that the limits allow
+    # `cap` (m,) is the share of each correction that the limits allow.
     size = np.stack([np.linalg.norm(correction[:, :3], axis=1), np.linalg.norm(correction[:, 3:], axis=1)])
     most = np.array([[limits.displacement], [limits.rotation]])
     cap: FloatArray = np.min(np.where(size > most, most / np.where(size > 0.0, size, 1.0), 1.0), axis=0)
@@ -384,28 +397,37 @@ def compensate(
     return Compensation(
         commanded=robot.joint_map.controller_angles(under.q),
         correction=correction,
-        residual=_offset(*still, reached.place, reached.axes),
-        uncorrected=bare.motion,
+        residual=_compute_pose_difference(*still, reached.place, reached.axes),
+        uncorrected=uncorrected.motion,
         uncertainty=uncertainty,
-        leverage=bare.leverage,
+        leverage=uncorrected.leverage,
         share=share * cap,
         uncertain=uncertain,
         capped=cap < 1.0,
     )
 
 
-def _offset(place: FloatArray, axes: FloatArray, there: FloatArray, axes_there: FloatArray) -> FloatArray:
-    """Return displacements [m] and rotation vectors [rad] (m, 6) from poses here to others there, in R0."""
+def _compute_pose_difference(
+    place: FloatArray, axes: FloatArray, there: FloatArray, axes_there: FloatArray
+) -> FloatArray:
+    """Return the difference (m, 6) of two sets of poses: displacement [m], then rotation vector [rad], in R0.
+
+    Args:
+        place: (m, 3) places of the first poses.
+        axes: (m, 3, 3) their axes.
+        there: (m, 3) places of the second poses.
+        axes_there: (m, 3, 3) their axes.
+    """
     return np.concatenate([there - place, rotation_vectors(axes_there, axes)], axis=1)
 
 
 def residuals(
     model: ForwardModel, wanted: LoadCases, goal: FloatArray, commanded: FloatArray, near: FloatArray
 ) -> FloatArray:
-    """Return displacement [m] and rotation vector [rad] (m, 6) from the wanted to the loaded place.
+    """Return the residuals (m, 6) of commands, from wanted to loaded poses [m, then rad].
 
     Args:
-        model: of the loaded robot.
+        model: model of the loaded robot.
         wanted: m loads and places.
         goal: (m, 4, 4) wanted poses of the flange in R0 [m].
         commanded: (m, n) angles of the model without the loads [rad].
@@ -417,24 +439,33 @@ def residuals(
     under, expected = (Postures(model.robot, angles) for angles in (commanded, near))
     axes, reached = goal[:, :3, :3], model.deflect(wanted, under, expected)
     place = (axes @ wanted.place[..., None])[..., 0] + goal[:, :3, 3]
-    return _offset(place, axes, reached.place, reached.axes)
+    return _compute_pose_difference(place, axes, reached.place, reached.axes)
 
 
 def ramp_shares(robot: Robot, wanted: LoadCases, length: float) -> FloatArray:
-    """Return the share (m,) by the length of path [m] since the load set in, and until it ends."""
+    """Return the share (m,) of each correction, ramped up after the load sets in and down before it ends.
+
+    Args:
+        robot: n joints.
+        wanted: m postures along a path, with their loads.
+        length: length of path over which the share rises from 0 to 1 [m]; 0 gives 1 everywhere.
+    """
     if length <= 0.0:
         return np.ones(len(wanted))
     here = Postures(robot, robot.joint_map.model_angles(wanted.joints))
     steps = np.linalg.norm(np.diff(here.to_base(wanted.place[:, None])[:, 0], axis=0), axis=1)
     loaded = (wanted.force != 0.0).any(axis=1) | (wanted.moment != 0.0).any(axis=1)
-    since = _since_start(loaded, steps)
-    until = _since_start(loaded[::-1], steps[::-1])[::-1]
+    since = _measure_path_since_load(loaded, steps)
+    until = _measure_path_since_load(loaded[::-1], steps[::-1])[::-1]
     share: FloatArray = np.clip(np.minimum(since, until) / length, 0.0, 1.0)
     return share
 
 
-def _since_start(loaded: BoolArray, steps: FloatArray) -> FloatArray:
-    """Return the length of path (m,) since the load set in; zero without load, inf from its begin."""
+def _measure_path_since_load(loaded: BoolArray, steps: FloatArray) -> FloatArray:
+    """Return the length of path (m,) since the load set in [m].
+
+    It is zero at postures without load, and inf where the path begins with the load.
+    """
     length = np.zeros(len(loaded))
     length[0] = np.inf if loaded[0] else 0.0
     for i in range(1, len(loaded)):

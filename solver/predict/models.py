@@ -89,8 +89,13 @@ class IdentifiedWeight(OwnWeight):
     #: for these four [rad/(N·m), times kg, kg·m]
     root: FloatArray = field(kw_only=True)
 
-    def turn_root(self, postures: Postures, torque: FloatArray) -> FloatArray:
-        """Return a root (B, n, r) of the covariance of joints' turns [rad], by loads' torques (B, n)."""
+    def compute_turn_root(self, postures: Postures, torque: FloatArray) -> FloatArray:
+        """Return a root (B, n, r) of the covariance of the joints' deflections [rad] in B postures.
+
+        Args:
+            postures: B postures.
+            torque: (B, n) torques of the loads alone [N·m].
+        """
         n = len(torque.T)
         units = postures.weight_levers @ self.gravity
         own = np.einsum("bjlp,jlpr->bjr", units, self.root[n:].reshape(n, n, 4, -1))
@@ -104,17 +109,16 @@ class JointModel(ForwardModel):
     first_order = False
 
     compliance: FloatArray  #: (n,) [rad/(N·m)]; zero where nothing is known
-    #: of the compliances that were seen, before any constraint, in SI units; None where no uncertainty is
-    #: known
+    #: likelihood of the compliances that were seen, without constraints, in SI units; None if unknown
     likelihood: Likelihood | None
     constraints: Constraints  #: on all n compliances
-    #: of the links; None leaves it out, as the controller's zero has it in already; an identified one's sag
-    #: is part of the deflections
+    #: own weight of the links; None leaves it out, as the controller's zero includes its sag; with an
+    #: identified weight, deflections include the sag
     weight: OwnWeight | None = None
 
     @classmethod
     def of(cls, robot: Robot, estimate: Estimate, constraints: Constraints) -> JointModel:
-        """Take over what an identification found."""
+        """Build the model from an estimate of the compliances and its constraints."""
         likelihood = estimate.likelihood if estimate.covariance is not None else None
         if likelihood is not None:
             likelihood = likelihood.inflated(max(float(estimate.sigma or 0.0), _LEAST_SIGMA) ** 2)
@@ -123,7 +127,7 @@ class JointModel(ForwardModel):
 
     @cached_property
     def covariance(self) -> FloatArray:
-        """(n, n) of the unconstrained estimate [(rad/(N·m))²]; zero for joints that were not seen."""
+        """(n, n) covariance of the unconstrained estimate [(rad/(N·m))²]; zero for unseen joints."""
         covariance = np.zeros((self.robot.n, self.robot.n))
         if self.likelihood is not None:
             covariance[np.ix_(self.likelihood.joints, self.likelihood.joints)] = self.likelihood.covariance
@@ -138,7 +142,7 @@ class JointModel(ForwardModel):
     def deflect(
         self, cases: LoadCases, unloaded: Postures | None = None, near: Postures | None = None
     ) -> JointDeflection:
-        """Balance springs and loads.
+        """Compute the deflections in the exact balance of springs and loads.
 
         Raises:
             RequestError: a load finds no stable balance near the unloaded posture.
@@ -162,7 +166,10 @@ class JointModel(ForwardModel):
         )
 
     def command(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
-        """Return ``θ − s c ∘ (τ(θ) + g(θ) − g(q_cmd))`` (B, n), angles of the model [rad]."""
+        """Return ``θ − s c ∘ (τ(θ) + g(θ) − g(q_cmd))`` (B, n), the angles to command [rad].
+
+        θ are the wanted angles, s the share, c the compliances, τ and g the torques of load and own weight.
+        """
         step = share[:, None] * self.compliance
         torque = goal.load(wanted.load_point, wanted.force, wanted.moment)[1]
         commanded: FloatArray = goal.q - step * torque
@@ -177,7 +184,7 @@ class JointModel(ForwardModel):
         return commanded
 
     def linear_displacement(self, cases: LoadCases, unloaded: Postures) -> FloatArray:
-        """Return ``J diag(c) τ`` (B, 3) [m]."""
+        """Return the displacements ``J diag(c) τ`` (B, 3) of the places, to first order in the load [m]."""
         torque = unloaded.load(cases.load_point, cases.force, cases.moment)[1]
         if self.weight is not None and self.weight.absolute:
             torque = torque + self.weight.torque_and_stiffness(self.robot, unloaded)[0]
@@ -186,7 +193,7 @@ class JointModel(ForwardModel):
         return np.asarray((jacobian @ turned[..., None])[..., 0])
 
     def overloaded(self, cases: LoadCases, unloaded: Postures) -> BoolArray:
-        """Return whether the loads (B,) turn a joint, or soften it, beyond what springs describe."""
+        """Return a mask (B,) of loads that turn a joint, or reduce its stiffness, beyond the model."""
         jacobian, torque = unloaded.load(cases.load_point, cases.force, cases.moment)
         turned = np.abs(self.compliance * torque) > LARGEST_TURN
         stiffness = wrench_stiffness(unloaded.angular_jacobian, jacobian, cases.force, cases.moment)
@@ -195,7 +202,7 @@ class JointModel(ForwardModel):
 
     @cached_property
     def _unseen_directions(self) -> FloatArray:
-        """(u, n) directions of the compliances that the readings do not determine, in scaled compliances."""
+        """(u, n) combinations of scaled compliances that the readings do not determine."""
         identity = np.eye(self.robot.n)
         if self.likelihood is None:
             return identity[:0]
@@ -207,7 +214,7 @@ class JointModel(ForwardModel):
         return np.concatenate([hidden, scaled @ identity[self.likelihood.joints]])
 
     def unseen(self, rows: FloatArray) -> BoolArray:
-        """(B, n) joints whose unknown compliance has a part in linear functions (B, w, n) of all."""
+        """Return a mask (B, n) of joints whose unknown compliance affects linear functions (B, w, n)."""
         if not len(self._unseen_directions):
             return np.zeros((len(rows), self.robot.n), dtype=np.bool_)
         size = np.abs(rows).max(axis=(1, 2), initial=0.0)[:, None, None]
@@ -216,16 +223,18 @@ class JointModel(ForwardModel):
         joints = (counts[:, :, None] & (np.abs(self._unseen_directions) > _UNSEEN)).any(axis=1)
         return np.asarray(joints)
 
-    def ends(self, rows: FloatArray, confidence: float, *, by_profile: bool = True) -> FloatArray | None:
+    def find_interval_ends(
+        self, rows: FloatArray, confidence: float, *, by_profile: bool = True
+    ) -> FloatArray | None:
         """Return the ends of intervals of linear functions aᵀc under the constraints (method.md §9).
 
-        They are what the bounds leave of the unconstrained interval, widened to contain the estimate and, as
-        for joints, the profile's ends. Without those they cover by themselves, with no program to solve.
+        The unconstrained interval is cut to the bounds, and widened to contain the estimate and the interval
+        of the profile likelihood. Without the profile it covers as often, and no program has to be solved.
 
         Args:
-            rows: (K, n) functions a.
-            confidence: level.
-            by_profile: whether the profile widens them.
+            rows: (K, n) coefficients a of the functions.
+            confidence: level of the intervals.
+            by_profile: whether the profile likelihood widens them.
 
         Returns:
             (K, 2) in the unit of aᵀc; None where no uncertainty is known.
@@ -236,7 +245,8 @@ class JointModel(ForwardModel):
         part, value, quantile = rows[:, likelihood.joints], rows @ self.compliance, self.quantile(confidence)
         constraints, radii = self.constraints.select(likelihood.joints), np.array([quantile])
         ends: FloatArray = interval_ends(likelihood, constraints, part, radii, value, by_profile=False)[0]
-        if not by_profile or constraints.order:  # it leaves less than the box: free ends are wider
+        # With an order of joints the profile allows less than the bounds: the free ends are wider.
+        if not by_profile or constraints.order:
             return ends
         some = np.flatnonzero(((part @ likelihood.covariance) * part).sum(axis=1) > 0.0)
         for start in range(0, len(some), _BLOCK):
@@ -257,32 +267,32 @@ class JointDeflection(Deflection):
 
     @cached_property
     def _motion_by_compliance(self) -> FloatArray:
-        """(B, 6, n) answer of the places to a change of c ∘ τ."""
+        """(B, 6, n) derivatives of the places' motion by c ∘ τ: ``J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹``."""
         return self.jacobian @ self.balance.softened
 
     @cached_property
     def _torque(self) -> FloatArray:
-        """(B, n) torque that shows the compliances: of loads only, in addition to a sag [N·m]."""
+        """(B, n) torque by which compliances affect the deflection [N·m]; without that of a known sag."""
         if self.model.weight is None or not self.model.weight.absolute:
             return self.balance.torque
         return self.balance.loaded.load(self.cases.load_point, self.cases.force, self.cases.moment)[1]
 
     @cached_property
     def rows(self) -> FloatArray:
-        """(B, 6, n) ``J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹ diag(τ)``: see `Deflection`."""
+        """(B, 6, n) derivatives of `motion` by c: ``J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹ diag(τ)``."""
         return np.asarray(self._motion_by_compliance * self._torque[:, None])
 
     @cached_property
-    def half(self) -> FloatArray | None:
-        """(B, 6, r) by compliances, or by what was identified of the sag: see `Deflection`."""
+    def covariance_root(self) -> FloatArray | None:
+        """(B, 6, r) root of the covariance of `motion`, with that of an identified sag; None if unknown."""
         if isinstance(self.model.weight, IdentifiedWeight):
-            turn = self.model.weight.turn_root(self.balance.loaded, self._torque)
+            turn = self.model.weight.compute_turn_root(self.balance.loaded, self._torque)
             return np.asarray(self._motion_by_compliance @ turn)
         return None if self.model.likelihood is None else np.asarray(self.rows @ self.model.root)
 
     @property
     def unseen(self) -> BoolArray:
-        """(B, n) joints that load, or weight of a sag, twists and that the readings do not show."""
+        """(B, n) joints that load or own weight twists, and whose compliance is not determined."""
         unseen, weight = self.model.unseen(self.rows), self.model.weight
         if isinstance(weight, IdentifiedWeight):
             own = np.abs(self.balance.torque - self._torque)
@@ -299,14 +309,14 @@ class JointDeflection(Deflection):
         return CartesianCompliance(matrix, symmetric, by_joint)
 
     def _compliance_by_joint(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return factors of the derivatives by each joint, and the covariance: see `CartesianCompliance`."""
+        """Return factors L, M (B, 6, n), ``∂C/∂c_j = L_j M_jᵀ``, and the covariance (n, n) of c."""
         # (I − K diag(c))⁻¹ = I + K (I − diag(c) K)⁻¹ diag(c)
         by_torque = self.balance.stiffness @ (self.balance.softened * self.model.compliance)
         stiffened = np.eye(self.model.robot.n) + by_torque
         return self._motion_by_compliance, self.jacobian @ stiffened.transpose(0, 2, 1), self.model.covariance
 
     def compliance_known(self, direction: FloatArray) -> tuple[BoolArray, BoolArray]:
-        """Return whether the readings determine the joints that answer: see `Deflection`."""
+        """Return masks (B,): whether all joints that move the places along, or across, are known."""
         linear = self.jacobian[:, :3]
         along = np.square(np.einsum("bi,bij->bj", direction, linear))
         across = np.maximum(np.einsum("bij,bij->bj", linear, linear) - along, 0.0)
@@ -316,25 +326,29 @@ class JointDeflection(Deflection):
         return np.asarray(~unknown_along), np.asarray(~unknown_across)
 
     def interval(self, confidence: float) -> FloatArray | None:
-        """Return intervals (B, 6, 2) under the constraints: see `Deflection`."""
+        """Return intervals (B, 6, 2) of displacement [m], then rotation [rad], under the constraints."""
         n = self.model.robot.n
-        ends = self._ends(self.rows.reshape(-1, n), self.motion.reshape(-1), confidence)
+        ends = self._find_interval_ends(self.rows.reshape(-1, n), self.motion.reshape(-1), confidence)
         return super().interval(confidence) if ends is None else ends.reshape(*self.motion.shape, 2)
 
     def interval_along(self, direction: FloatArray, confidence: float) -> FloatArray:
-        """Return what the bounds leave of intervals (B, 2): see `Deflection`."""
+        """Return intervals (B, 2) of displacements along unit vectors (B, 3) [m], cut to the bounds."""
         rows = np.einsum("bi,bij->bj", direction, self.rows[:, :3])
         value = np.einsum("bi,bi->b", direction, self.displacement)
-        ends = self._ends(rows, value, confidence, by_profile=False)
+        ends = self._find_interval_ends(rows, value, confidence, by_profile=False)
         return super().interval_along(direction, confidence) if ends is None else ends
 
-    def _ends(
+    def _find_interval_ends(
         self, rows: FloatArray, value: FloatArray, confidence: float, *, by_profile: bool = True
     ) -> FloatArray | None:
-        """Return `JointModel.ends` of rows (K, n), shifted to values (K,): the balance is not linear in c."""
+        """Return intervals (K, 2) of linear functions (K, n) of the compliances, shifted to values (K,).
+
+        The shift corrects that the balance is not linear in the compliances. None where a sag was identified
+        or no uncertainty is known.
+        """
         if isinstance(self.model.weight, IdentifiedWeight):
             return None
-        ends = self.model.ends(rows, confidence, by_profile=by_profile)
+        ends = self.model.find_interval_ends(rows, confidence, by_profile=by_profile)
         return None if ends is None else ends + (value - rows @ self.model.compliance)[:, None]
 
 
@@ -353,7 +367,7 @@ class ElasticPredictor(ForwardModel):
 
     @classmethod
     def of(cls, robot: Robot, elastic: ElasticEstimate) -> ElasticPredictor:
-        """Take over what an identification found."""
+        """Build the model from an estimate of joints and links, with a covariance by a normal prior."""
         companion, form = elastic.companion, elastic.companion.formulation
         entries, root = elastic.entries[form.columns], None
         if companion.sigma is not None:
@@ -379,7 +393,7 @@ class ElasticPredictor(ForwardModel):
 
     @cached_property
     def matrices(self) -> tuple[FloatArray, FloatArray]:
-        """(n, n) compliance of the joints [rad/(N·m)], and (L, 6, 6) of links and base [m/N, rad/(N·m)]."""
+        """Compliance matrices: (n, n) of joints [rad/(N·m)], (L, 6, 6) of links and base [SI units]."""
         compliances = np.zeros(self.columns.width)
         compliances[self.kept] = self.entries
         coupling = to_matrix(compliances[self.columns.coupling], self.columns.n)
@@ -392,13 +406,13 @@ class ElasticPredictor(ForwardModel):
         unloaded: Postures | None = None,
         near: Postures | None = None,  # noqa: ARG002  # nothing is balanced
     ) -> ElasticDeflection:
-        """Bend links and joints at the unloaded posture."""
-        return self._take_share(cases, self.unloaded(cases) if unloaded is None else unloaded)
+        """Compute the deflections of joints, links and base, to first order at the unloaded posture."""
+        return self._bend(cases, self.unloaded(cases) if unloaded is None else unloaded)
 
-    def _take_share(
+    def _bend(
         self, cases: LoadCases, unloaded: Postures, share: FloatArray | None = None
     ) -> ElasticDeflection:
-        """Take a share (B,) of the deflection; all of it if None."""
+        """Compute a share (B,) of each deflection, to first order; all of it if share is None."""
         R, origin = (part[:, list(self.columns.frames)] for part in spring_frames(unloaded))
         at, pulled = (unloaded.to_base(point[:, None]) for point in (cases.place, cases.load_point))
         jacobian = unloaded.pose_jacobian_at(at)
@@ -425,16 +439,16 @@ class ElasticPredictor(ForwardModel):
         )
 
     def command(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
-        """Follow Newton's method to the posture whose bent place is the goal.
+        """Find by Newton's method the angles to command (B, n) [rad], whose bent places are at the goal.
 
-        The answer of the deflection to the posture is left out of the slope: each step gains three digits.
+        The slope neglects that the deflection changes with the posture; each step still gains three digits.
 
         Raises:
             RequestError: the place is at a singular posture, or too far.
         """
         target, q = goal.to_base(wanted.place[:, None])[:, 0], goal.q
         for _ in range(_NEWTON_STEPS):
-            bent = self._take_share(wanted, Postures(self.robot, q), share)
+            bent = self._bend(wanted, Postures(self.robot, q), share)
             turned = rotation_vectors(goal.flange_rotation, bent.axes)
             off = np.concatenate([target - bent.place, turned], axis=1)
             if (np.abs(off) <= _REACHED).all():
@@ -450,11 +464,11 @@ class ElasticPredictor(ForwardModel):
 
     def linear_displacement(self, cases: LoadCases, unloaded: Postures) -> FloatArray:
         """Return the displacements (B, 3) of the places [m]."""
-        return self._take_share(cases, unloaded).displacement
+        return self._bend(cases, unloaded).displacement
 
     def overloaded(self, cases: LoadCases, unloaded: Postures) -> BoolArray:
-        """Return whether the loads (B,) turn the flange beyond what is linear."""
-        turned = np.linalg.norm(self._take_share(cases, unloaded).rotation, axis=1)
+        """Return a mask (B,) of loads that turn the flange by more than a linear model describes."""
+        turned = np.linalg.norm(self._bend(cases, unloaded).rotation, axis=1)
         return np.asarray(turned > LARGEST_TURN)
 
 
@@ -470,7 +484,7 @@ class ElasticDeflection(Deflection):
 
     @cached_property
     def rows(self) -> FloatArray:
-        """(B, 6, p) by the entries that the model has: see `Deflection`."""
+        """(B, 6, p) derivatives of `motion` by the compliances of the model."""
         columns = self.model.columns
         rows = np.empty((len(self.torque), 6, columns.width))
         rows[..., columns.joints] = self.jacobian * self.torque[:, None]
@@ -480,8 +494,8 @@ class ElasticDeflection(Deflection):
         return rows[..., self.model.kept]
 
     @cached_property
-    def half(self) -> FloatArray | None:
-        """(B, 6, p) by the covariance of the entries: see `Deflection`."""
+    def covariance_root(self) -> FloatArray | None:
+        """(B, 6, p) root of the covariance of `motion`; None if it is unknown."""
         return None if self.model.root is None else np.asarray(self.rows @ self.model.root)
 
     @property
@@ -499,7 +513,7 @@ class ElasticDeflection(Deflection):
         return CartesianCompliance(matrix, np.ones(len(matrix), dtype=np.bool_), None)
 
     def compliance_known(self, direction: FloatArray) -> tuple[BoolArray, BoolArray]:
-        """Return whether the readings say something of all joints: see `Deflection`."""
+        """Return masks (B,), along and across directions: whether the readings show all joints."""
         known = np.full(len(direction), self.model.seen.all())
         return known, known
 
@@ -531,7 +545,12 @@ class ModelErrorBound:
     leverage_ratio: FloatArray
 
     def interval(self, displacement: FloatArray, of_readings: FloatArray | None) -> FloatArray:
-        """(B, 3, 2) of displacements (B, 3) [m]: the balls, and what the readings (B, 6, 2) leave open."""
+        """Return intervals (B, 3, 2) of displacements [m] that cover balls and readings' intervals.
+
+        Args:
+            displacement: (B, 3) predicted [m].
+            of_readings: (B, 6, 2) intervals of displacement and rotation by the readings; None if unknown.
+        """
         radius = self.radius[:, None]
         ends: FloatArray = np.stack([displacement - radius, displacement + radius], axis=-1)
         if of_readings is None:
@@ -550,7 +569,7 @@ class ModelError:
     score: FloatArray
     share: FloatArray  #: (S,) share of the postures' readings with that score at most, times P/(P + 1)
     force: float  #: unit of the size of a load [N]; zero where none was measured
-    moment: float  #: likewise [N·m]; zero where none was measured. In both the greatest load has size 1.
+    moment: float  #: unit of the size of a moment [N·m], likewise; the greatest load has size 1
     least_load: float  #: least size of a load
     leverage: float  #: greatest ``√λ_max(A C Aᵀ)`` of a target over the size of its load [m]
     #: standard deviation of a coordinate of a reading, by the residuals where links bend: a residual grows
@@ -561,47 +580,56 @@ class ModelError:
 
     @staticmethod
     def needed(confidence: float) -> int:
-        """Return the least number of postures: below ``⌈1/α⌉ − 1`` no bound holds."""
+        """Return the least number ``⌈1/α⌉ − 1`` of postures that gives a bound at a confidence 1 − α."""
         return ceil(1.0 / (1.0 - confidence) - _SLACK) - 1
 
     def quantile(self, confidence: float) -> float:
-        """Return the score that a new posture's is to stay below [m]; inf where nothing is known."""
+        """Return the score [m] that a new posture keeps below by a probability; inf with too few postures."""
         place = int(np.searchsorted(self.share, confidence - _SLACK))
         return float(self.score[place]) if place < len(self.score) else float("inf")
 
     def bound(self, cases: LoadCases, leverage: FloatArray, confidence: float) -> ModelErrorBound:
-        """Return the bound at predicted places whose displacements have a leverage (B,) [m].
+        """Return the bound of the model error at predicted places.
 
-        Within the campaign's loads it grows with the root of the load: what joints alone do not model is
-        part elastic, part friction. Where links bend and no noise is stated, noise remains, and what the
-        readings leave open: it grows as the standard deviation of a reading. An extrapolated load or posture
-        widens it in proportion.
+        The radius grows with the root of the load within the campaign's loads, as the error is part elastic,
+        part friction. With elastic links and no stated noise it grows as the standard deviation of a reading.
+        An extrapolated load or posture widens it in proportion.
+
+        Args:
+            cases: B load cases.
+            leverage: (B,) greatest standard uncertainty of each displacement [m].
+            confidence: level of the bound.
         """
-        load = load_sizes(cases.force, cases.moment, self.force, self.moment)
+        load = compute_load_sizes(cases.force, cases.moment, self.force, self.moment)
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.where(
                 leverage > 0.0, leverage / (np.where(load > 0.0, load, 1.0) * self.leverage), 0.0
             )
-        growth = _residual_growth(np.maximum(load, self.least_load), leverage, self.noise) * np.maximum(
-            ratio, 1.0
-        )
+        growth = _compute_residual_growth(
+            np.maximum(load, self.least_load), leverage, self.noise
+        ) * np.maximum(ratio, 1.0)
         radius = self.quantile(confidence) * growth
         unmeasured = "force" if self.force == 0.0 else "moment" if self.moment == 0.0 else None
         return ModelErrorBound(radius, unmeasured, load, ratio)
 
 
-def _residual_growth(load: FloatArray, leverage: FloatArray, noise: float | None) -> FloatArray:
-    """Return by how much residuals grow (B,) with loads of sizes (B,) and leverages (B,) [m].
+def _compute_residual_growth(load: FloatArray, leverage: FloatArray, noise: float | None) -> FloatArray:
+    """Return the factor (B,) by which residuals grow with sizes of loads (B,) and leverages (B,) [m].
 
-    That is 1 without leverage, or at the greatest load where no noise (`ModelError.noise`) is known.
+    With a noise (`ModelError.noise`) it is 1 at zero leverage; else 1 at the campaign's greatest load.
     """
     if noise is None:
         return np.maximum(np.sqrt(load), load)
     return np.hypot(np.maximum(load, 1.0), leverage / noise)
 
 
-def load_sizes(force: FloatArray, moment: FloatArray, most_force: float, most_moment: float) -> FloatArray:
-    """Return ``|F|/most_force + |M|/most_moment`` (B,) of loads (B, 3); inf for what was not measured."""
+def compute_load_sizes(
+    force: FloatArray, moment: FloatArray, most_force: float, most_moment: float
+) -> FloatArray:
+    """Return the sizes ``|F|/most_force + |M|/most_moment`` (B,) of loads (B, 3).
+
+    A size is inf if the load has a force or moment where none was measured, so that the greatest is zero.
+    """
     size = np.zeros(len(force))
     for vector, greatest in ((force, most_force), (moment, most_moment)):
         length = np.linalg.norm(vector, axis=1)
@@ -613,10 +641,10 @@ def load_sizes(force: FloatArray, moment: FloatArray, most_force: float, most_mo
 def leave_postures_out(
     robot: Robot, measurements: Measurements, settings: Settings, estimate: Estimate, model: JointModel
 ) -> ModelError:
-    """Refit without each posture in turn, and compare what is predicted there with what was read.
+    """Estimate the model error: refit without each posture in turn, and predict the readings there.
 
     The refits use method, weighting and bounds of the run, the weights of its robust loss, and K_c at its
-    compliances; priors and an order are left out of them, so that residuals are greater rather than less.
+    compliances. They leave out priors and an order of joints, so that residuals are rather too large.
 
     Raises:
         RequestError: no posture can be left out.
@@ -652,15 +680,15 @@ def leave_postures_out(
     residual = blocks.deflection.T - np.einsum("rv,vir->ri", compliance, blocks.regressor)
     half = blocks.regressor.transpose(2, 1, 0) @ model.root[blocks.visible]
     lacking = np.full(len(of_reading), 1.0 / (count - 1))
-    error = _model_error(measurements, np.where(left_out, of_reading, -1), residual, half, lacking)
+    error = _compute_model_error(measurements, np.where(left_out, of_reading, -1), residual, half, lacking)
     return replace(error, left_out=LeftOut(fits, count))
 
 
 def leave_folds_out(robot: Robot, measurements: Measurements, elastic: ElasticEstimate) -> ModelError:
-    """Return the model error by the postures of `_PARTS` parts, each predicted by a fit to the others.
+    """Estimate the model error with elastic links: leave out each of `_PARTS` parts of the postures in turn.
 
-    So many leave hardly smaller sets to fit than the whole. Without the readings of a part, whitened rows A,
-    the covariance ``C = L Lᵀ`` is ``L (I − Lᵀ AᵀA L)⁻¹ Lᵀ``.
+    With so many parts, the fits are to hardly smaller sets than the whole. Without the readings of a part,
+    whitened rows A, the covariance ``C = L Lᵀ`` becomes ``L (I − Lᵀ AᵀA L)⁻¹ Lᵀ``.
 
     Raises:
         UnsupportedMethodError: there is one posture only.
@@ -687,12 +715,12 @@ def leave_folds_out(robot: Robot, measurements: Measurements, elastic: ElasticEs
             half[own] = root @ np.linalg.inv(factor).T
     posture = np.unique(measurements.joints, axis=0, return_inverse=True)[1].reshape(-1)
     variance = float(np.trace(covariance, axis1=-2, axis2=-1)[measurements.present].mean()) / 3.0
-    # A stated sigma is taken off the scores.
+    # A stated sigma is subtracted from the scores, so only an estimated noise is kept.
     noise = sigma * np.sqrt(variance) if sigma and measurements.sigma is None else None
-    return _model_error(measurements, posture[of_reading], residual, half, lacking, noise)
+    return _compute_model_error(measurements, posture[of_reading], residual, half, lacking, noise)
 
 
-def _model_error(
+def _compute_model_error(
     measurements: Measurements,
     posture: IndexArray,
     residual: FloatArray,
@@ -700,11 +728,11 @@ def _model_error(
     lacking: FloatArray,
     noise: float | None = None,
 ) -> ModelError:
-    """Return the model error by R readings, without what is the readings' own in it.
+    """Compute the model error from R residuals of held-out readings, without the noise of the readings.
 
-    A residual is the sum of the prediction's error and of the reading's own, which no ball about a prediction
-    has to hold. Their squares add up in the mean only: all scores shrink alike, so that quantiles keep
-    their order. That mean is known to a standard error, by which less is taken off.
+    A residual holds the error of the prediction and the noise of the reading. Their squares add up in the
+    mean only, so all scores are reduced by one factor, which keeps the order of quantiles. The reduction is
+    smaller by the standard error of the mean square.
 
     Args:
         measurements: N observations.
@@ -712,13 +740,13 @@ def _model_error(
         residual: (R, 3) of the readings by fits without their postures [m]; NaN where undetermined.
         half: (R, 3, p) roots of the covariances of predictions [m]; zero if they are unknown.
         lacking: (R,) share of that covariance that the fit without the posture has more.
-        noise: as `ModelError.noise`.
+        noise: standard deviation of a reading, as in `ModelError.noise` [m].
     """
     of_reading = np.nonzero(measurements.present)[0]
     force, moment = (
         float(np.linalg.norm(each, axis=1).max()) for each in (measurements.force, measurements.moment)
     )
-    load = load_sizes(measurements.force, measurements.moment, force, moment)
+    load = compute_load_sizes(measurements.force, measurements.moment, force, moment)
     greatest = float(load.max())
     load = load / greatest
     loaded = load[of_reading] > 0.0
@@ -726,7 +754,7 @@ def _model_error(
     scored = np.flatnonzero(loaded & (posture >= 0))
     posture, size = (
         posture[scored],
-        np.square(_residual_growth(load[of_reading[scored]], deviation[scored], noise)),
+        np.square(_compute_residual_growth(load[of_reading[scored]], deviation[scored], noise)),
     )
     trace = np.trace(measurements.covariance, axis1=-2, axis2=-1)
     variance = np.broadcast_to(trace, measurements.present.shape)[measurements.present][scored]
@@ -739,7 +767,7 @@ def _model_error(
         means = np.bincount(posture[known], squares[known])[counts > 0] / counts[counts > 0]
         error = float(means.std(ddof=1)) / np.sqrt(len(means)) if len(means) > 1 else whole
         left = min(1.0, max(0.0, 1.0 - float((own / size)[known].mean()) / whole) + error / whole)
-    score, share = merged_steps(posture, np.sqrt(np.where(known, left * squares, np.inf)))
+    score, share = merge_score_steps(posture, np.sqrt(np.where(known, left * squares, np.inf)))
     return ModelError(
         postures=len(np.unique(posture)),
         score=score,
@@ -752,15 +780,15 @@ def _model_error(
     )
 
 
-def merged_steps(posture: IndexArray, score: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what quantiles need of the scores, in about `MOST_STEPS` steps.
+def merge_score_steps(posture: IndexArray, score: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Merge scores into about `MOST_STEPS` steps of their distribution, in which postures weigh alike.
 
     Args:
         posture: (R,) index of each reading's posture.
-        score: (R,) its score.
+        score: (R,) score of each reading.
 
     Returns:
-        (S,) ascending scores, each the greatest of those that it represents, and (S,) their shares.
+        (S,) ascending scores, each the greatest of those merged; and (S,) the share of scores up to there.
     """
     postures, index, counts = np.unique(posture, return_inverse=True, return_counts=True)
     order = np.argsort(score, kind="stable")

@@ -24,7 +24,7 @@ from jointstiff.schemas.finding import Finding, FindingCode
 from jointstiff.schemas.imports import FilePreview, ImportOptions
 from jointstiff.service.importing.errors import Faults
 from jointstiff.service.importing.grid import Grid, Row
-from jointstiff.service.importing.layout import lay_out
+from jointstiff.service.importing.layout import understand_table
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.files import example_files
 from jointstiff.solver.integrity.values import View
@@ -242,7 +242,7 @@ def test_the_format_of_the_recipe_is_understood():
     read = defined("Add an import format", "read_json_lines")
     faults = Faults()
     grid = read("day.jsonl", b'["name", "x [mm]", "y [mm]", "z [mm]"]\n["c01_P10_loaded", 1, 2, 3]\n')
-    layout = lay_out(grid, ImportOptions(), faults)
+    layout = understand_table(grid, ImportOptions(), faults)
     assert not faults.found
     assert dict(layout.columns.units) == {"length": "mm"}
 

@@ -118,7 +118,7 @@ def test_what_is_not_told_apart_keeps_its_information():
     """Rows of rank 2 for 3 compliances: on their range the covariance grows by S Sᵀ; off it, nothing."""
     R = np.array([[2.0, 1.0, 0.0], [0.0, 1.0, 3.0]])
     S = np.array([[0.3], [0.1], [0.2]])
-    likelihood = Likelihood(np.arange(3), np.zeros(3), np.linalg.pinv(R.T @ R), R).with_common(S)
+    likelihood = Likelihood(np.arange(3), np.zeros(3), np.linalg.pinv(R.T @ R), R).add_common_errors(S)
     information = likelihood.rows.T @ likelihood.rows
     null = np.linalg.svd(R)[2][-1]
     assert np.abs(information @ null).max() < 1e-14

@@ -12,7 +12,7 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import DhModel
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.readings import ReadingArrays, to_measurements
-from jointstiff.service.conversion.robots import dh_kinematics, robot_of_chain
+from jointstiff.service.conversion.robots import build_chain_robot, build_dh_chain
 from jointstiff.simulator import TARGETS, SpringArm, default_arm, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections, linear_deflections
 from jointstiff.solver.arrays import BoolArray, FloatArray
@@ -42,10 +42,10 @@ def prepare(document: dict[str, Any]) -> tuple[Robot, Measurements]:
     campaign = Campaign.model_validate_json(json.dumps(document))
     model = campaign.robot.model
     if isinstance(model, DhModel):
-        chain = dh_kinematics(model, campaign.robot.name)
+        chain = build_dh_chain(model, campaign.robot.name)
     else:
         chain = read_urdf(model.urdf, model.base, model.flange)
-    robot = robot_of_chain(chain, campaign.robot.joint_map)
+    robot = build_chain_robot(chain, campaign.robot.joint_map)
     readings = ReadingArrays.from_observations(campaign.measurement_set.observations)
     measurements = to_measurements(campaign.measurement_set, readings, robot)
     stated = measurements.common_uncertainty.stated

@@ -26,7 +26,7 @@ from support.live import positions
 
 import jointstiff as js
 from jointstiff.service.kinds.program.work import unpacked
-from jointstiff.service.runs.trend import Campaign, ReadRun, trend_of
+from jointstiff.service.runs.trend import Campaign, ReadRun, compare_campaigns
 from jointstiff.service.store.tables import MeasurementSetEntry
 from jointstiff.simulator import default_arm
 from jointstiff.solver.integrity import inspect
@@ -437,7 +437,7 @@ def trend(*documents: dict[str, Any]) -> dict[str, Any]:
             measured_at=day,
         )
         campaigns.append(Campaign(f"run_{i}", day, ReadRun.model_validate(parts), entry))
-    found = trend_of([joint.name for joint in run.result.joints], campaigns)
+    found = compare_campaigns([joint.name for joint in run.result.joints], campaigns)
     return {
         "joints": {
             each.name: [each.changed, each.p_value, each.change, [point.stiffness for point in each.points]]

@@ -6,7 +6,7 @@ import sqlalchemy as sa
 
 from jointstiff.service.jobs import Part
 from jointstiff.service.workers.engine import _QUEUE, ATTEMPTS, Queue
-from jointstiff.service.workers.worker import carry_out, patiently
+from jointstiff.service.workers.worker import carry_out, retry_until_available
 
 _NEXT = sa.text(
     "SELECT workflow_uuid, recovery_attempts FROM workflow_status WHERE status = 'ENQUEUED' "
@@ -51,7 +51,7 @@ class Claims(Queue):
         part = self.claim(executor)
         if part is None:
             return False
-        patiently(lambda: carry_out(self._store, jobs, part, self))
+        retry_until_available(lambda: carry_out(self._store, jobs, part, self))
         self.end(part)
         return True
 
@@ -61,7 +61,7 @@ class Claims(Queue):
 
     def waiting(self) -> list[str]:
         """Return the names of the parts that wait, first come first."""
-        return [each.workflow_id for each in self._listed(status="ENQUEUED")]
+        return [each.workflow_id for each in self._list_rows(status="ENQUEUED")]
 
     # What an engine does beyond a queue
 

@@ -1,4 +1,4 @@
-"""A comparison: methods side by side, or two measurement sets, and what people read of it."""
+"""A comparison of methods or of two measurement sets: the declaration of the kind, its report and files."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.robot import Estimate
 from jointstiff.schemas.run import JointResult, ResampledJoint, ResamplingResult
 from jointstiff.service.kinds.kind import File, Kind
-from jointstiff.service.kinds.run.kind import moments
+from jointstiff.service.kinds.run.kind import mean_and_deviation
 from jointstiff.service.tables.report import METHOD_NAMES, Report, View, joint_reason_lines
 from jointstiff.service.tables.stiffness import StiffnessUnit
 from jointstiff.service.tables.table import (
@@ -49,28 +49,33 @@ _SHORT: Final = {"complete_pose": "CP", "partial_pose": "PP", "decoupled_partial
 _WEIGHTS: Final = {"covariance": "", "characteristic_length": "/L", "uniform": "/u"}
 _CONSTRAINTS: Final = {False: "free", True: "≥ 0"}
 _METHODS_ABREAST: Final = 4
+"""Columns of methods that a table of 80 characters has room for."""
 _LONGEST_NAME: Final = 24
 
 Cell = Callable[[ComparedRun, int], Line]
+"""Function that formats the cell of a run and the joint with this index."""
 
 
 def report(_job: Comparison, result: ComparisonResult, view: View) -> Report:
-    """Return the ratios of two sides, then the runs side by side; details add rows that repeat another."""
+    """Return the ratios of two sides, then the runs in columns by method, then the methods that failed.
+
+    `view.details` adds rows that repeat the numbers of other rows.
+    """
     parts: list[Part] = []
     if result.joints:
-        parts += _ratio_parts(result, view.unit)
+        parts += _list_ratio_parts(result, view.unit)
     entries = sorted((entry for entry in result.entries if entry.joints), key=_place_in_table)
     methods = {_short_name(entry) for entry in entries}
     if entries and (len(result.sides) == 1 or len(methods) > 1):
-        parts += _method_parts(entries, view)
-    return Report([*parts, *_refusals(result.entries)])
+        parts += _list_method_parts(entries, view)
+    return Report([*parts, *_failure_lines(result.entries)])
 
 
-def _ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Part]:
-    """Return the joints on both sides, and the deflection that the second side avoids."""
+def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Part]:
+    """Return tables of the stiffness on both sides and their ratio, and a line on the avoided deflection."""
     by_id = {entry.run_id: entry for entry in result.entries}
     first, second = (by_id[side.run_id] for side in result.sides)
-    joints, alike = result.joints, _short_name(first) == _short_name(second)
+    joints, same_method = result.joints, _short_name(first) == _short_name(second)
     parts: list[Part] = [
         Table(
             [
@@ -83,7 +88,7 @@ def _ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Part]:
                     "p", [joint.p_value for joint in joints], lambda p: "< 0.0001" if p < 1e-4 else f"{p:.2g}"
                 ),
             ],
-            title=f"Two sides, {METHOD_NAMES[first.method]}" if alike else "Two sides",
+            title=f"Two sides, {METHOD_NAMES[first.method]}" if same_method else "Two sides",
             caption=f"{unit.quantity} in {unit.label_of(first.joints)} with its standard uncertainty; ratio "
             "of the stiffnesses, second to first; p: p-value of equal stiffnesses",
         ),
@@ -105,12 +110,13 @@ def _ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Part]:
 
 
 def _by_interval(ratio: float | None, joint: JointRatio) -> str:
-    """Format a ratio to two digits of its interval's half width."""
+    """Format a ratio of stiffnesses, rounded to two digits of the half width of its interval."""
     low, high = joint.ratio_interval or (None, None)
     return rounded(ratio, None if low is None or high is None else max(high - low, 0.0) / 2, ".3g")
 
 
 def _interval(joint: JointRatio) -> str:
+    """Format the interval of a ratio. Fieller's interval may have no limit, or exclude a range of ratios."""
     if joint.ratio_interval is None:
         return NO_NUMBER
     if joint.ratio_excluded is not None:
@@ -120,18 +126,25 @@ def _interval(joint: JointRatio) -> str:
 
 
 def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:
+    """Return the joints by the fit of both sides in which no joint is softer on the second side."""
     joints = ordered.joints
 
-    def _ends(ends: tuple[float, float] | None, kind: JointKind) -> str:
+    def format_interval(ends: tuple[float, float] | None, kind: JointKind) -> str:
         return unit.of(kind).bare_interval(ends)
 
     return Table(
         [
             Column("joint", [joint.name for joint in joints], text=True),
             Column("first", joints, lambda joint: unit.bare(joint.compliance_first, joint.kind)),
-            Column("interval", joints, lambda joint: _ends(joint.compliance_interval_first, joint.kind)),
+            Column(
+                "interval", joints, lambda joint: format_interval(joint.compliance_interval_first, joint.kind)
+            ),
             Column("second", joints, lambda joint: unit.bare(joint.compliance_second, joint.kind)),
-            Column("interval", joints, lambda joint: _ends(joint.compliance_interval_second, joint.kind)),
+            Column(
+                "interval",
+                joints,
+                lambda joint: format_interval(joint.compliance_interval_second, joint.kind),
+            ),
             Column("remark", ["held equal" if joint.equal else "" for joint in joints], text=True),
         ],
         title="Both in one problem, no joint softer on the second side",
@@ -141,13 +154,14 @@ def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:
 
 
 def _percent(share: Estimate) -> str:
+    """Format a share in %, with its standard uncertainty if it has one."""
     if not share.standard_uncertainty:
         return percent(share.value)
     return f"({100 * share.value:.2f} ± {100 * share.standard_uncertainty:.2f}) %"
 
 
-def _method_parts(entries: Sequence[ComparedRun], view: View) -> list[Part]:
-    """Return the joints by method, what each fit explains, and the words of both."""
+def _list_method_parts(entries: Sequence[ComparedRun], view: View) -> list[Part]:
+    """Return tables of the joints in columns by method with a legend, and a table of the fits as a whole."""
     unit, drawn = view.unit, next((entry.draws for entry in entries if entry.draws), None)
     cell: Cell = partial(_drawn_cell, unit) if drawn else lambda entry, j: unit.concise(entry.joints[j])
     alike = not view.details and drawn is None and _constraints_change_nothing(entries, cell)
@@ -165,7 +179,7 @@ def _method_parts(entries: Sequence[ComparedRun], view: View) -> list[Part]:
 
 
 def _constraints_change_nothing(entries: Sequence[ComparedRun], cell: Cell) -> bool:
-    """Return whether each fit is shown with the same numbers unconstrained and constrained."""
+    """Return whether all fits have the same cells with and without the constraint of positive compliance."""
     by_constraint: dict[bool, dict[tuple[str, str], list[str]]] = {False: {}, True: {}}
     for entry in entries:
         numbers = [str(cell(entry, j)) for j in range(len(entry.joints))]
@@ -174,7 +188,7 @@ def _constraints_change_nothing(entries: Sequence[ComparedRun], cell: Cell) -> b
 
 
 def _joint_tables(entries: Sequence[ComparedRun], title: str, cell: Cell, caption: str = "") -> list[Table]:
-    """Return tables by joint, side and constraint, as many methods in each as 80 columns hold."""
+    """Return tables of the joints with at most `_METHODS_ABREAST` methods each; the first has the caption."""
     methods = list(dict.fromkeys(map(_short_name, entries)))
     return [
         _joint_table(
@@ -188,6 +202,7 @@ def _joint_tables(entries: Sequence[ComparedRun], title: str, cell: Cell, captio
 
 
 def _shares_tables(entries: Sequence[ComparedRun]) -> list[Part]:
+    """Return tables of the share of resampled fits that are negative, rigid or undetermined, by joint."""
     drawn = [
         joint
         for entry in entries
@@ -196,10 +211,11 @@ def _shares_tables(entries: Sequence[ComparedRun]) -> list[Part]:
     ]
     if not any(joint.share_negative or joint.share_infinite or joint.share_undetermined for joint in drawn):
         return [Line("No fit was negative, rigid or undetermined for any joint.")]
-    return [*_joint_tables(entries, "Share of fits negative / rigid / undetermined, in %", _shares)]
+    return [*_joint_tables(entries, "Share of fits negative / rigid / undetermined, in %", _shares_cell)]
 
 
 def _joint_table(entries: Sequence[ComparedRun], title: str, cell: Cell, caption: str) -> Table:
+    """Return a table with a row for each joint, side and constraint, and a column for each method."""
     by_row: dict[tuple[SideName, bool], dict[str, ComparedRun]] = {}
     for entry in sorted(entries, key=lambda each: (each.side, each.positive)):
         by_row.setdefault((entry.side, entry.positive), {}).setdefault(_short_name(entry), entry)
@@ -221,7 +237,7 @@ def _joint_table(entries: Sequence[ComparedRun], title: str, cell: Cell, caption
                 text=True,
                 widest=_LONGEST_NAME,
             ),
-            Column(heading, [_row_name(*row, several=several) for _, _, row in lines], text=True),
+            Column(heading, [_row_name(*row, several_sides=several) for _, _, row in lines], text=True),
             *map(column, methods),
         ],
         title=title,
@@ -230,24 +246,26 @@ def _joint_table(entries: Sequence[ComparedRun], title: str, cell: Cell, caption
     )
 
 
-def _row_name(side: SideName, positive: bool, *, several: bool) -> str:
-    return f"{f'{_SIDES.index(side) + 1} ' * several}{_CONSTRAINTS[positive]}"
+def _row_name(side: SideName, positive: bool, *, several_sides: bool) -> str:
+    """Return the name of a row by constraint, such as "free"; with several sides "1 free" or "2 free"."""
+    return f"{f'{_SIDES.index(side) + 1} ' * several_sides}{_CONSTRAINTS[positive]}"
 
 
 def _place_in_table(entry: ComparedRun) -> tuple[int, int, bool, int]:
-    """Return the place of a run in the tables: by method, weighting, constraint, side."""
+    """Return the key by which runs are sorted in tables: method, weighting, constraint, side."""
     weighting = ("characteristic_length", "uniform", "covariance").index(entry.weighting)
     return list(_SHORT).index(entry.method), weighting, entry.positive, _SIDES.index(entry.side)
 
 
 def _short_name(entry: ComparedRun) -> str:
+    """Return the abbreviation of a run's method and weighting, such as "PP/L"."""
     return _SHORT[entry.method] + _WEIGHTS[entry.weighting]
 
 
 def _drawn_cell(unit: StiffnessUnit, entry: ComparedRun, j: int) -> Line:
-    """Format mean & standard deviation."""
-    drawn = _drawn_joint(entry, j)
-    mean, deviation = (None, None) if drawn is None else moments(drawn, unit)
+    """Format the mean and standard deviation of a joint over the resampled fits of a run."""
+    drawn = _resampled_joint(entry, j)
+    mean, deviation = (None, None) if drawn is None else mean_and_deviation(drawn, unit)
     if mean is None:
         return Line("rigid" if drawn and drawn.share_infinite else "—", "dim")
     text = rounded(mean, deviation, ".2g")
@@ -258,23 +276,26 @@ def _drawn_cell(unit: StiffnessUnit, entry: ComparedRun, j: int) -> Line:
     return Line(text, "bad" if mean < 0 else "")
 
 
-def _shares(entry: ComparedRun, j: int) -> Line:
-    drawn = _drawn_joint(entry, j)
+def _shares_cell(entry: ComparedRun, j: int) -> Line:
+    """Format the shares [%] of resampled fits in which joint `j` is negative, rigid, or undetermined."""
+    drawn = _resampled_joint(entry, j)
     if drawn is None or entry.joints[j].status == "not_observable":
         return Line("—", "dim")
     shares = (drawn.share_negative, drawn.share_infinite, drawn.share_undetermined)
     return Line("/".join(f"{100 * share:.2g}" for share in shares), "bad" if shares[0] else "")
 
 
-def _drawn_joint(entry: ComparedRun, j: int) -> ResampledJoint | None:
+def _resampled_joint(entry: ComparedRun, j: int) -> ResampledJoint | None:
+    """Return the statistics of joint `j` over resampled fits; None if the run was not resampled."""
     return entry.resampling.joints[j] if entry.resampling else None
 
 
 def _fits_table(entries: Sequence[ComparedRun]) -> Table:
-    """Return what each fit as a whole is worth."""
+    """Return a table of the fits as a whole: explained deflection, residual, condition number."""
     several = len({entry.side for entry in entries}) > 1
     names = [
-        f"{_short_name(entry)} {_row_name(entry.side, entry.positive, several=several)}" for entry in entries
+        f"{_short_name(entry)} {_row_name(entry.side, entry.positive, several_sides=several)}"
+        for entry in entries
     ]
     columns = [
         Column("fit", names, text=True, widest=_LONGEST_NAME),
@@ -283,13 +304,14 @@ def _fits_table(entries: Sequence[ComparedRun]) -> Table:
         Column("condition", [entry.condition_number for entry in entries], number(".3g")),
     ]
     if any(entry.resampling for entry in entries):
-        worth = [_drawn_worth(entry.resampling) for entry in entries]
-        columns.append(Column("explained, drawn", [explained for explained, _ in worth]))
-        columns.append(Column("any negative", [negative for _, negative in worth]))
+        cells = [_resampled_cells(entry.resampling) for entry in entries]
+        columns.append(Column("explained, drawn", [explained for explained, _ in cells]))
+        columns.append(Column("any negative", [negative for _, negative in cells]))
     return Table(columns, title="Fits as a whole", plain=True)
 
 
-def _drawn_worth(resampling: ResamplingResult | None) -> tuple[str, str]:
+def _resampled_cells(resampling: ResamplingResult | None) -> tuple[str, str]:
+    """Format the share explained by resampled fits, and the share of fits with a negative stiffness."""
     if resampling is None:
         return "", ""
     deviation = resampling.compensation_deviation
@@ -298,12 +320,12 @@ def _drawn_worth(resampling: ResamplingResult | None) -> tuple[str, str]:
 
 
 def _legend(entries: Sequence[ComparedRun], *, alike: bool, drawn: bool) -> str:
-    """Explain the signs that stand in the tables, and no others."""
+    """Return a caption that explains the abbreviations used in the tables."""
     methods = {_SHORT[entry.method]: METHOD_NAMES[entry.method] for entry in entries}
     lengths = {f"{entry.characteristic_length:.3g}" for entry in entries if entry.characteristic_length}
-    of = f" of {', '.join(sorted(lengths))} m" if lengths else ""
+    of_lengths = f" of {', '.join(sorted(lengths))} m" if lengths else ""
     weights = {
-        "characteristic_length": f"/L: translations divided by a length{of}",
+        "characteristic_length": f"/L: translations divided by a length{of_lengths}",
         "uniform": "/u: uniform weights",
     }
     weightings = dict.fromkeys(entry.weighting for entry in entries)
@@ -321,8 +343,8 @@ def _legend(entries: Sequence[ComparedRun], *, alike: bool, drawn: bool) -> str:
     return "; ".join(line for line in lines if line)
 
 
-def _refusals(entries: Sequence[ComparedRun]) -> list[Line]:
-    """Return why methods have no numbers, those of the same reason in one line."""
+def _failure_lines(entries: Sequence[ComparedRun]) -> list[Line]:
+    """Return the reasons why methods have no numbers; methods with the same reason share a line."""
     methods: dict[str, list[str]] = {}
     for entry in entries:
         if entry.error is not None:
@@ -333,10 +355,14 @@ def _refusals(entries: Sequence[ComparedRun]) -> list[Line]:
 
 
 def charts(result: ComparisonResult) -> list[Chart]:
-    """Return the paper's figures 7 and 8: deflection of each configuration, and what each method leaves."""
+    """Return charts of the deflection of each configuration, and of its residual by each method.
+
+    They correspond to figures 7 and 8 of the paper.
+    """
     charts: list[Chart] = []
     for side in result.sides:
         entries = [entry for entry in result.entries if entry.side == side.side and entry.left]
+        # Of a method with and without the constraint, the constrained run comes last and is drawn.
         kept = {_short_name(entry): entry for entry in sorted(entries, key=lambda each: each.positive)}
         charts.append(
             Chart(
@@ -348,21 +374,22 @@ def charts(result: ComparisonResult) -> list[Chart]:
                 "mm",
             )
         )
-    if paired := _paired(result):
+    if common := _common_configurations(result):
         series = {
-            f"{side.side} side": [_deflections(side)[label] for label in paired] for side in result.sides
+            f"{side.side} side": [_deflections(side)[label] for label in common] for side in result.sides
         }
         title = "Deflection of each configuration that both sides have, mean over the targets"
-        charts.insert(0, Chart(title, paired, series, 1e3, "mm"))
+        charts.insert(0, Chart(title, common, series, 1e3, "mm"))
     return charts
 
 
 def _deflections(side: ComparedSide) -> dict[str, float | None]:
+    """Return the measured deflection [m] of each configuration of a side, by label."""
     return dict(zip(side.configurations, side.deflection, strict=True))
 
 
-def _paired(result: ComparisonResult) -> list[str]:
-    """Return the observations that both sides have, in the same posture under the same load."""
+def _common_configurations(result: ComparisonResult) -> list[str]:
+    """Return the labels of observations that both sides have in the same posture under the same load."""
     shares = [] if result.avoided is None else result.avoided.configurations
     return [share.observation for share in shares if share.side == "both"]
 
@@ -417,13 +444,13 @@ _RATIOS: Final = {
     "p-value of equal stiffnesses": "p_value",
     "reason": "reason",
 }
-"""Headers, and where each column's numbers stand; units are those of the fields."""
+"""Headers, and the field with each column's numbers, whose unit is added to the header."""
 
 
 def entries_sheet(job: Comparison) -> Sheet:
-    """Return a row a run and joint. A run without numbers has one row, with no joint, that says why.
+    """Return the file `table.csv`: a row for each run and joint; a failed run has one row, with its error.
 
-    What there is no number for is empty, and so is the upper end of a stiffness without upper limit.
+    Unknown numbers are empty cells, and so is the upper end of an interval of stiffness without upper limit.
     """
     rows: list[_Row] = []
     pairs: list[tuple[JointResult | None, ResampledJoint | None]]
@@ -437,12 +464,12 @@ def entries_sheet(job: Comparison) -> Sheet:
 
 
 def ratios_sheet(job: Comparison) -> Sheet:
-    """Return a row a joint with its ratio; empty for one side."""
+    """Return the file `ratios.csv`: a row for each joint with its ratio; empty if one set is compared."""
     return Sheet.of_fields(job.result.joints if job.result else [], _RATIOS)
 
 
 def configurations_sheet(job: Comparison) -> Sheet:
-    """Return a row a configuration of each run: its measured deflection, and what the run leaves of it."""
+    """Return the file `configurations.csv`: measured and residual deflection by configuration and run."""
     result = job.result
     sides = {side.side: side for side in (result.sides if result else ())}
     return Sheet.of_rows(
@@ -463,9 +490,10 @@ def configurations_sheet(job: Comparison) -> Sheet:
 
 
 def _compute(inputs: Inputs, request: ComparisonRequest) -> Work:
-    from jointstiff.service.kinds.comparison.work import work
+    """Return the work of a comparison, which is computed later; numerical modules are imported here."""
+    from jointstiff.service.kinds.comparison.work import prepare_comparison
 
-    return work(inputs, request)
+    return prepare_comparison(inputs, request)
 
 
 COMPARISON: Final = Kind[Comparison, ComparisonRequest](

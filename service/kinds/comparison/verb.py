@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 from jointstiff.schemas.comparison import CampaignComparison
 from jointstiff.schemas.run import Run
 from jointstiff.service.kinds.comparison.kind import COMPARISON
-from jointstiff.service.kinds.verb import Door, Follow, describe_fields, stated
+from jointstiff.service.kinds.verb import Door, Follow, describe_fields, merge_options
 from jointstiff.service.resources.documents import parse_document
 
 if TYPE_CHECKING:
@@ -45,8 +45,9 @@ def compare(
     """Compare methods on a campaign, or two campaigns of one robot.
 
     Args:
-        door: whose method this is: where the work is done.
-        first: campaign or run; of two such as with the motors' encoders in the loop, or before a change.
+        door: `Here` or a `Client`, which has this function as a method and does the work.
+        first: campaign or run; if there is a second, such as with the motors' encoders in the loop, or before
+            a change.
         second: campaign or run such as with secondary encoders in the loop, or after a change; if absent,
             the methods are compared on the first.
         options: a `CampaignComparison`; fields by name replace its own.
@@ -59,26 +60,29 @@ def compare(
         fields: fields of `CampaignComparison`.
 
     Returns:
-        The Comparison, with its result in SI units. A failure of the computation is one in state `failed`.
+        The Comparison, with its result in SI units. If the computation fails, its state is `failed`.
 
     Raises:
-        CampaignError: a source or an option cannot be used; its `problem` says what, where and what to do.
-        RefusedError: the service refuses it.
+        CampaignError: a source or an option cannot be used; the error's `problem` says why, and the remedy.
+        RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """
-    from jointstiff.service.kinds.comparison.work import ComparedSet, comparison_of
+    from jointstiff.service.kinds.comparison.work import ComparedSet, request_comparison
 
     with Follow(on_progress, cancel, executor) as follow:
         door = door.begun(follow)
-        chosen = parse_document(stated(CampaignComparison, options, fields), CampaignComparison)
+        chosen = parse_document(merge_options(CampaignComparison, options, fields), CampaignComparison)
         given = [first] if second is None else [first, second]
         sets: list[ComparedSet] = []
         for source, place in zip(given, ("first.", "second."), strict=False):
             set_id, own = door.measured(source, place if len(given) > 1 else "")
             own = own or RunOptions()
+            # A second campaign is identified with the options of the first; a run keeps its own.
             shared = own if isinstance(source, Run) or not sets else sets[0].options
             sets.append(ComparedSet(set_id, own.leave_out, chosen.run or shared))
-        request = comparison_of(sets, chosen, lambda run, dispensable: door.run(run, follow, dispensable))
+        request = request_comparison(
+            sets, chosen, lambda run, dispensable: door.run(run, follow, dispensable)
+        )
         return door.done(COMPARISON, request.model_dump(mode="json", exclude_unset=True), {}, follow)
 
 

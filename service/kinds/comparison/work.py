@@ -1,4 +1,4 @@
-"""Stored runs compared: methods side by side, or two sets; nothing is identified again."""
+"""The work of a comparison: stored runs of one set or of two are compared; nothing is identified again."""
 
 from __future__ import annotations
 
@@ -49,18 +49,18 @@ _OTHER_MODEL: Final = Finding(
     code="robot_models_differ",
     weight="use",
     message="the robots differ in their kinematics or joint map",
-    remedy="check that both are of one model; ratios compare joints with the same name",
+    remedy="check that both robots are of the same model; ratios compare joints with the same name",
 )
 UNCONSTRAINED: Final[Mapping[str, Any]] = {"positive": False, "stiffness_bounds": {}, "stiffness_order": []}
-"""Options of a run without constraints."""
+"""Values of a run's options that remove all constraints."""
 _SIDES: Final[tuple[SideName, SideName]] = ("first", "second")
 
 
-def work(inputs: Inputs, request: ComparisonRequest) -> QuickWork:
-    """Return the work of a comparison.
+def prepare_comparison(inputs: Inputs, request: ComparisonRequest) -> QuickWork:
+    """Fetch the runs of a request, and return the work that compares them.
 
     Raises:
-        RequestError: a run is not there or has not ended, or there are more than two sets.
+        RequestError: a run does not exist or has not ended, or the runs are of more than two sets.
     """
     runs = [inputs.run(run_id, f"run_ids[{i}]") for i, run_id in enumerate(request.run_ids)]
     for i, each in enumerate(runs):
@@ -79,51 +79,57 @@ def work(inputs: Inputs, request: ComparisonRequest) -> QuickWork:
         )
     options = request.model_dump_json(exclude={"run_ids"})
     return QuickWork(
-        result=partial(compute, inputs, request, runs),
+        result=partial(compare_runs, inputs, request, runs),
         input_hash=hash_of(*(each.run.provenance.input_hash for each in runs), options),
         robot_id=runs[0].prepared.robot_id,
         details={"measurement_set_id": sets[0], "second_set_id": (*sets, None)[1]},
     )
 
 
-def compute(inputs: Inputs, request: ComparisonRequest, runs: Sequence[MeasuredRun]) -> ComparisonResult:
-    """Compare runs.
+def compare_runs(inputs: Inputs, request: ComparisonRequest, runs: Sequence[MeasuredRun]) -> ComparisonResult:
+    """Compare the runs of one set, or of two sets, and return the result.
+
+    The first run of each set is the run by which the two sets are compared.
 
     Raises:
-        RequestError: two sides have other joints, or runs that cannot be compared with each other.
+        RequestError: the robots of two sets have different joints, or the runs cannot be compared.
         SolverError: an optimum could not be certified.
     """
     by_set: dict[str, list[MeasuredRun]] = {}
     for each in runs:
         by_set.setdefault(each.run.request.measurement_set_id, []).append(each)
-    parts = dict(zip(_SIDES, by_set.values(), strict=False))
-    leading = {name: part[0] for name, part in parts.items()}
-    sides = [_compared_side(name, part, leading[name].run) for name, part in parts.items()]
-    where = {side.measurement_set_id: side for side in sides}
+    by_side = dict(zip(_SIDES, by_set.values(), strict=False))
+    leading = {name: of_side[0] for name, of_side in by_side.items()}
+    sides = [_make_side_message(name, of_side, leading[name].run) for name, of_side in by_side.items()]
+    side_of_set = {side.measurement_set_id: side for side in sides}
     verdicts = [each.run.result.assessment for each in runs if each.run.result is not None]
-    warnings: dict[tuple[str, str | None], Finding] = {}  # of the same kind and place the first
+    warnings: dict[
+        tuple[str, str | None], Finding
+    ] = {}  # only the first warning of each code and place is kept
     for finding in (finding for each in runs for finding in _warnings(each.run)):
         warnings.setdefault((finding.code, finding.where), finding)
     result = ComparisonResult(
         assessment=combined(verdicts or [Assessment(verdict="do_not_use", reasons=[_NO_FIT])]),
         confidence=request.confidence or runs[0].run.request.confidence,
         sides=sides,
-        entries=[_entry(each.run, where[each.run.request.measurement_set_id]) for each in runs],
+        entries=[_make_entry(each.run, side_of_set[each.run.request.measurement_set_id]) for each in runs],
         joints=[],
         avoided=None,
         ordered=None,
         warnings=list(warnings.values()),
     )
-    if len(parts) == 1:
+    if len(by_side) == 1:
         return result.model_copy(update={"assessment": judged("comparison", [], result.assessment)})
-    return _two_sides(inputs, request, parts, leading, result)
+    return _add_ratios(inputs, request, by_side, leading, result)
 
 
 def _warnings(run: Run) -> list[Finding]:
+    """Return the warnings of a run; none if it has failed."""
     return [] if run.result is None else run.result.warnings
 
 
-def _entry(run: Run, side: ComparedSide) -> ComparedRun:
+def _make_entry(run: Run, side: ComparedSide) -> ComparedRun:
+    """Return the message of a compared run; `left` has its residual [m] at each configuration of the side."""
     result, request = run.result, run.request
     left = {} if result is None else result.mean_lengths("residual")
     return ComparedRun(
@@ -145,11 +151,12 @@ def _entry(run: Run, side: ComparedSide) -> ComparedRun:
     )
 
 
-def _compared_side(name: SideName, runs: Sequence[MeasuredRun], leading: Run) -> ComparedSide:
-    """Return a set with the deflection of each configuration, as its runs measured it."""
+def _make_side_message(name: SideName, runs: Sequence[MeasuredRun], leading: Run) -> ComparedSide:
+    """Return the message of a side: its set, and the measured deflection [m] of each configuration."""
     results = [each.run.result for each in runs if each.run.result is not None]
     lengths: dict[str, float] = {}
     for result in results:
+        # A run that leaves out observations has no deflection of them: another run may have it.
         if len(lengths) < len(runs[0].prepared.measurements):
             lengths |= result.mean_lengths("deflection")
     labels = list(runs[0].prepared.measurements.labels)
@@ -162,23 +169,29 @@ def _compared_side(name: SideName, runs: Sequence[MeasuredRun], leading: Run) ->
     )
 
 
-def _two_sides(
+def _add_ratios(
     inputs: Inputs,
     request: ComparisonRequest,
-    parts: Mapping[SideName, Sequence[MeasuredRun]],
+    by_side: Mapping[SideName, Sequence[MeasuredRun]],
     leading: Mapping[SideName, MeasuredRun],
     result: ComparisonResult,
 ) -> ComparisonResult:
-    """Return the result with ratios, avoided deflection and order of two sides."""
-    by = [(name, run, run.run.result) for name, run in leading.items()]
-    failed = next((name for name, _, found in by if found is None), None)
+    """Return the result with ratios of stiffnesses, avoided deflection, and the ordered fit of two sides.
+
+    Raises:
+        RequestError: a leading run has failed, or the runs cannot be compared.
+    """
+    leading_runs = [(name, run, run.run.result) for name, run in leading.items()]
+    failed = next((name for name, _, found in leading_runs if found is None), None)
     if failed is not None:
         raise RequestError(
-            f"the run of the {failed} side has failed", where="run_ids", remedy="read its error"
+            f"the run of the {failed} side has failed", where="run_ids", remedy="read the `error` of the run"
         )
-    sides = [_side_of(inputs, leading[name], parts[name]) for name in _SIDES]
+    sides = [_make_solver_side(inputs, leading[name], by_side[name]) for name in _SIDES]
     pair = compare_sides(*sides, confidence=result.confidence, ordered=request.ordered)
-    warnings = [_finding_of_side(finding, name) for name, run, _ in by for finding in _warnings(run.run)]
+    warnings = [
+        _place_finding(finding, name) for name, run, _ in leading_runs for finding in _warnings(run.run)
+    ]
     if models_differ(sides[0].robot, sides[1].robot):
         warnings.append(_OTHER_MODEL)
     if pair.unlike and pair.unit_mistake is None:
@@ -191,15 +204,15 @@ def _two_sides(
                 remedy="measure the same postures under the same load, or give different labels",
             )
         )
-    verdicts = {name: found.assessment for name, _, found in by if found is not None}
+    verdicts = {name: found.assessment for name, _, found in leading_runs if found is not None}
     assessments = [
-        each.model_copy(update={"reasons": [_finding_of_side(reason, name) for reason in each.reasons]})
+        each.model_copy(update={"reasons": [_place_finding(reason, name) for reason in each.reasons]})
         for name, each in verdicts.items()
     ]
     own = [pair.unit_mistake] if pair.unit_mistake else [] if pair.avoided.matching else [_NOTHING_COMMON]
-    without = [joint.name for joint in pair.joints if joint.ratio is None]
-    if without:
-        message = f"no ratio for {', '.join(without)}"
+    no_ratio = [joint.name for joint in pair.joints if joint.ratio is None]
+    if no_ratio:
+        message = f"the ratio of stiffnesses is unknown for {', '.join(no_ratio)}"
         remedy = "measure with loads that twist these joints on both sides"
         own.append(own_reason("numbers_missing", "use_with_care", message, remedy))
     return result.model_copy(
@@ -213,17 +226,17 @@ def _two_sides(
     )
 
 
-def _finding_of_side(finding: Finding, side: SideName) -> Finding:
-    """Return a finding whose place begins with the side."""
+def _place_finding(finding: Finding, side: SideName) -> Finding:
+    """Return a copy of a finding whose `where` begins with the side, such as "first.observations[2]"."""
     where = f"{side}.{finding.where}" if finding.where else side
     return finding.model_copy(update={"where": where})
 
 
-def _side_of(inputs: Inputs, leading: MeasuredRun, runs: Sequence[MeasuredRun]) -> Side:
-    """Return a side as the numerical core takes it, by its run and that without constraints.
+def _make_solver_side(inputs: Inputs, leading: MeasuredRun, runs: Sequence[MeasuredRun]) -> Side:
+    """Return the solver's arrays of a side, from its leading run and its run without constraints.
 
     Raises:
-        RequestError: more than joints bends in the run, it is by own weight, or a prior is part of it.
+        RequestError: the leading run has elastic links or base, is by own weight, or uses priors.
     """
     run, prepared = leading.run, leading.prepared
     if run.request.weight is not None or run.request.priors:
@@ -232,45 +245,49 @@ def _side_of(inputs: Inputs, leading: MeasuredRun, runs: Sequence[MeasuredRun]) 
             f"the run '{run.id}' is {other}: both sets may share its errors, so that they are "
             "not independent",
             where="run_ids",
-            remedy="identify its set by loads without `priors`, and give that run",
+            remedy="identify the measurement set by loads without `priors`, and give the new run",
         )
     if run.request.leave_out:
         set_id = run.request.measurement_set_id
         prepared = inputs.measured(set_id, "run_ids", run.request.leave_out)
     causes = [cause.pair for cause in run.request.causes]
     measurements = fit_causes(prepared.robot, prepared.measurements, causes)
-    bent = run.result.complementary_stiffness if run.result else None
+    stiffness = run.result.complementary_stiffness if run.result else None
     model = _joint_model(run, prepared.robot)
     return Side(
         robot=prepared.robot,
         measurements=measurements,
         compliance=model.compliance,
         constraints=model.constraints,
-        complementary_stiffness=bent is not None and bent.included,
-        free=_free_estimate(_unconstrained(run, runs), prepared.robot),
+        complementary_stiffness=stiffness is not None and stiffness.included,
+        free=_make_free_estimate(_find_unconstrained_run(run, runs), prepared.robot),
     )
 
 
 def _joint_model(run: Run, robot: Robot) -> JointModel:
-    """Return the model of a run of joints alone.
+    """Return the model of a run in which only joints are elastic.
 
     Raises:
-        RequestError: something besides joints bends.
+        RequestError: links or the base are elastic, too.
     """
     stored = None if run.result is None else run.result.model
     model = None if stored is None else forward_model(robot, stored)[0]
     if not isinstance(model, JointModel):
         raise RequestError(
-            f"two sides compare joints only, not the run '{run.id}' with elasticity {run.elasticity}",
+            f"two sides are compared by their joints only, but the run '{run.id}' has elasticity "
+            f"{run.elasticity}",
             where="run_ids",
-            remedy="identify its set with elasticity `joints`, and give that run",
+            remedy="identify the measurement set with elasticity `joints`, and give the new run",
         )
     return model
 
 
-def _unconstrained(run: Run, runs: Sequence[MeasuredRun]) -> Run:
-    """Return the run by which ratios are computed: where a constraint holds a joint, that without any."""
-    if not is_held(run):
+def _find_unconstrained_run(run: Run, runs: Sequence[MeasuredRun]) -> Run:
+    """Return the run from which ratios are computed: a run with the same options but without constraints.
+
+    It is the given run itself if no constraint is active, or if there is no other run to use.
+    """
+    if not has_active_constraint(run):
         return run
     for each in (each.run for each in runs if each.run.result is not None):
         free = all(getattr(each.request, name) == value for name, value in UNCONSTRAINED.items())
@@ -279,14 +296,14 @@ def _unconstrained(run: Run, runs: Sequence[MeasuredRun]) -> Run:
     return run
 
 
-def is_held(run: Run) -> bool:
-    """Return whether a constraint holds a joint of a run, so that its estimates are not Gaussian."""
+def has_active_constraint(run: Run) -> bool:
+    """Return whether a joint of a run is at a bound: its estimates are then not normally distributed."""
     return any(joint.status == "at_bound" for joint in (run.result.joints if run.result else ()))
 
 
 def _options_that_count(run: Run) -> dict[str, Any]:
-    """Return the options of a run that change its estimate without constraints."""
-    others = {
+    """Return the options of a run that influence its estimate, other than constraints."""
+    without_influence = {
         "measurement_set_id",
         "variant_of",
         "elasticity",
@@ -294,11 +311,11 @@ def _options_that_count(run: Run) -> dict[str, Any]:
         "resampling",
         "confidence",
     }
-    return run.request.model_dump(exclude={*others, *UNCONSTRAINED})
+    return run.request.model_dump(exclude={*without_influence, *UNCONSTRAINED})
 
 
-def _free_estimate(run: Run, robot: Robot) -> FreeEstimate:
-    """Return the estimate of a run before any constraint, with its covariance by source."""
+def _make_free_estimate(run: Run, robot: Robot) -> FreeEstimate:
+    """Return a run's estimate without constraints: compliances (n,), their covariance (n, n) by source."""
     model, result = _joint_model(run, robot), run.result
     if result is None:
         raise ValueError("a run without a result has no model")
@@ -308,6 +325,7 @@ def _free_estimate(run: Run, robot: Robot) -> FreeEstimate:
     shown, unseen, covariance = np.isfinite(compliance), np.isnan(compliance), np.zeros((n, n))
     readings: FloatArray | None = None
     assumed: dict[str, FloatArray] = {}
+    # The likelihood has the estimate before constraints, of the joints that the readings determine.
     if likelihood is not None and result.budget is not None:
         compliance[likelihood.joints] = likelihood.centre
         compliance[~shown] = np.nan
@@ -334,27 +352,29 @@ def _free_estimate(run: Run, robot: Robot) -> FreeEstimate:
     )
 
 
-# ---- the runs of a comparison
+# ---- the runs that the verb `compare` makes
 
 
 @dataclass(frozen=True)
 class ComparedSet:
-    """A measurement set to be compared."""
+    """A measurement set to be compared, with options of its runs."""
 
     set_id: str
     leave_out: Sequence[str]  # labels of observations that its runs omit
-    options: RunOptions  # options of the run by which it is compared with another set
+    options: RunOptions  # options of the leading run, by which the set is compared with another
 
 
-def comparison_of(
+def request_comparison(
     sets: Sequence[ComparedSet], chosen: CampaignComparison, make: Callable[[RunRequest, bool], Run | None]
 ) -> ComparisonRequest:
-    """Make the runs of one set or two, and return the request that compares them.
+    """Make the runs of one set or of two, and return the request that compares them.
+
+    Two sets each get a leading run; if a constraint is active in it, also a run without constraints.
 
     Args:
-        sets: one for methods side by side, or two.
-        chosen: methods, constraints, draws.
-        make: identifies; the flag says whether the others do without the run.
+        sets: one set to compare methods, or two sets to compare with each other.
+        chosen: methods, constraints, resampling.
+        make: identifies a request; its flag says whether the comparison is possible without this run.
     """
     confidence = chosen.confidence or sets[0].options.confidence
     common = {"elasticity": "joints", "confidence": confidence, "resampling": chosen.resampling}
@@ -366,18 +386,21 @@ def comparison_of(
     runs: list[Run] = []
     for each in sets:
         stated = each.options.model_dump(exclude={"leave_out"})
+        # An elasticity that the user names is kept, so that anything but joints is refused later.
         named = {} if stated["elasticity"] == "automatic" else {"elasticity": stated["elasticity"]}
         own = RunOptions.model_validate({**stated, **common, **named})
         listed = [own, *(other for other in table if other != own)] if len(sets) > 1 else table
 
-        def made(options: RunOptions, each: ComparedSet = each, own: RunOptions = own) -> Run | None:
-            left_out = {"measurement_set_id": each.set_id, "leave_out": list(each.leave_out)}
-            return make(RunRequest.model_validate({**options.model_dump(), **left_out}), options != own)
+        def make_run(options: RunOptions, each: ComparedSet = each, own: RunOptions = own) -> Run | None:
+            readings = {"measurement_set_id": each.set_id, "leave_out": list(each.leave_out)}
+            return make(RunRequest.model_validate({**options.model_dump(), **readings}), options != own)
 
-        by_options = [(options, made(options)) for options in listed]
+        by_options = [(options, make_run(options)) for options in listed]
         free = own.model_copy(update=UNCONSTRAINED)
-        if free not in listed and any(options == own and run and is_held(run) for options, run in by_options):
-            by_options.append((free, made(free)))
+        if free not in listed and any(
+            options == own and run and has_active_constraint(run) for options, run in by_options
+        ):
+            by_options.append((free, make_run(free)))
         runs += [run for _, run in by_options if run is not None]
     return ComparisonRequest(
         run_ids=[run.id for run in runs], ordered=chosen.ordered, confidence=chosen.confidence

@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from jointstiff.service.resources.inputs import Inputs
 
 _REQUEST_BYTES: Final = 1024 * 1024
-"""Size of a request with the ids of all sets."""
+"""Greatest size of a request, with the ids of as many sets as a fleet may have."""
 _SHOWN: Final = 500
-"""Sets in the table of a report: those that need attention come first."""
+"""Greatest number of sets in the table of a report, which begins with the sets that need attention."""
 _MOST_JOINTS: Final = 8
-"""Different names of joints that a table has columns for."""
+"""Greatest number of joint names for which the table has columns; with more names it has none."""
 _OUTCOMES: Final[dict[FleetOutcome, tuple[str, Style]]] = {
     "failed": ("failed", "bad"),
     "do_not_use": (VERDICTS["do_not_use"], "bad"),
@@ -32,11 +32,12 @@ _OUTCOMES: Final[dict[FleetOutcome, tuple[str, Style]]] = {
 
 
 def outcome_of_row(row: FleetRow) -> FleetOutcome:
-    """Return the verdict of a set, or `failed`."""
+    """Return the verdict on the row's measurement set, or `failed` if it has none."""
     return row.verdict or "failed"
 
 
 def _report(_job: Fleet, result: FleetResult, view: View) -> Report:
+    """Return a headline, the number of sets by outcome, and the table of sets, worst first."""
     order = list(_OUTCOMES)
     rows = sorted(result.rows, key=lambda row: order.index(outcome_of_row(row)))
     counts = Table(
@@ -48,12 +49,16 @@ def _report(_job: Fleet, result: FleetResult, view: View) -> Report:
     )
     parts: list[Part] = [_headline(result), counts, _sets_table(rows[:_SHOWN], view.unit)]
     if (hidden := len(rows) - _SHOWN) > 0:
-        parts.append(Line(f"and {hidden:,} more sets, whose verdicts are no worse: table.csv has all", "dim"))
+        parts.append(
+            Line(
+                f"and {hidden:,} more sets with verdicts no worse than these: table.csv lists all sets", "dim"
+            )
+        )
     return Report(parts)
 
 
 def _headline(result: FleetResult) -> Line:
-    """Return how many sets give nothing to use; without such a set that all do."""
+    """Return a line with the number of sets not to be used; if none, with the number of sets to be used."""
     total, unusable = len(result.rows), result.counts["do_not_use"]
     failed = f"; {result.counts['failed']:,} failed" if result.counts["failed"] else ""
     if unusable:
@@ -64,13 +69,14 @@ def _headline(result: FleetResult) -> Line:
 
 
 def _sets_table(rows: list[FleetRow], unit: StiffnessUnit) -> Table:
+    """Return a row for each set: robot, verdict, stiffness of each joint, and the problem if it failed."""
     names = list(dict.fromkeys(name for row in rows for name in row.stiffness))
     joints = names if len(names) <= _MOST_JOINTS else []
     columns = [
         Column("robot", [row.robot_name for row in rows], text=True),
         Column("measurement set", [row.measurement_set_name for row in rows], text=True),
         Column("verdict", rows, lambda row: Line(*_OUTCOMES[outcome_of_row(row)]), text=True),
-        *(Column(name, [_cell(row, name, unit) for row in rows]) for name in joints),
+        *(Column(name, [_stiffness_cell(row, name, unit) for row in rows]) for name in joints),
     ]
     if any(row.error for row in rows):
         columns.append(Column("problem", [row.error and row.error.detail for row in rows], text=True))
@@ -81,7 +87,8 @@ def _sets_table(rows: list[FleetRow], unit: StiffnessUnit) -> Table:
     )
 
 
-def _cell(row: FleetRow, joint: str, unit: StiffnessUnit) -> str:
+def _stiffness_cell(row: FleetRow, joint: str, unit: StiffnessUnit) -> str:
+    """Format the stiffness of a named joint in a row; a dash where the set does not determine it."""
     stiffness = row.stiffness.get(joint)
     if not stiffness:
         return NO_NUMBER
@@ -112,7 +119,7 @@ _COLUMNS: Final = {
 
 
 def sets_sheet(job: Fleet) -> Sheet:
-    """Return a row a set and joint. A set that failed has one row, with no joint, that says why."""
+    """Return the file `table.csv`: a row for each set and joint; a failed set has one row, with its error."""
     rows: list[_SheetRow] = []
     kinds: list[JointKind | None] = []
     for each in job.result.rows if job.result else ():
@@ -127,6 +134,7 @@ def sets_sheet(job: Fleet) -> Sheet:
 
 
 def _compute(inputs: Inputs, request: FleetRequest) -> Work:
+    """Return the work of a fleet, which is computed later; numerical modules are imported here."""
     from jointstiff.service.kinds.fleet.work import FleetWork
 
     return FleetWork(inputs, request)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from jointstiff.schemas.fleet import FleetOptions
 from jointstiff.service.kinds.fleet.kind import FLEET
-from jointstiff.service.kinds.verb import Door, Follow, describe_fields, stated
+from jointstiff.service.kinds.verb import Door, Follow, describe_fields, merge_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -36,9 +36,9 @@ def fleet(
     """Identify the campaigns of many robots in one job.
 
     Args:
-        door: whose method this is: where the work is done.
-        campaigns: campaigns or runs, which are identified with the options of `run`; of a service, none for
-            the last one of each stored robot.
+        door: `Here` or a `Client`, which has this function as a method and does the work.
+        campaigns: campaigns or runs, which are identified with the options of `run`; a `Client` takes the
+            last campaign of each stored robot if none are given.
         options: a `FleetOptions`; fields by name replace its own.
         on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
             notebook, if it takes more than 2 s.
@@ -49,18 +49,18 @@ def fleet(
         fields: fields of `FleetOptions`.
 
     Returns:
-        The Fleet, with its result in SI units. A failure of the computation is one in state `failed`.
+        The Fleet, with its result in SI units. If the computation fails, its state is `failed`.
 
     Raises:
-        CampaignError: a source or an option cannot be used; its `problem` says what, where and what to do.
-        RefusedError: the service refuses it.
+        CampaignError: a source or an option cannot be used; the error's `problem` says why, and the remedy.
+        RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """
     with Follow(on_progress, cancel, executor) as follow:
         door = door.begun(follow)
         sets = [door.measured(source, f"campaigns[{i}].")[0] for i, source in enumerate(campaigns)]
         request = {"measurement_set_ids": sets} if sets else {}
-        return door.done(FLEET, request | stated(FleetOptions, options, fields), {}, follow)
+        return door.done(FLEET, request | merge_options(FleetOptions, options, fields), {}, follow)
 
 
 describe_fields(fleet, FleetOptions)

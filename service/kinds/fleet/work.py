@@ -16,32 +16,32 @@ from jointstiff.schemas.run import RunRequest, RunResult
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.kinds.fleet.kind import outcome_of_row
-from jointstiff.service.kinds.run.work import identification
-from jointstiff.service.kinds.work import Arrays, Span, Work, joined, outcome_of, spans
+from jointstiff.service.kinds.run.work import prepare_identification
+from jointstiff.service.kinds.work import Arrays, Span, Work, cut_into_spans, joined, outcome_of
 from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.resources.inputs import Inputs, NamedSet
 from jointstiff.solver.errors import JointstiffError, RequestError
 
 SETS_A_STEP: Final = 10
-"""Sets that are identified by joints in a quarter of a second."""
+"""Sets in a step, which takes a quarter of a second, if joints alone are identified."""
 _AUTOMATIC: Final = 1
-"""Sets of a step where any may turn out to need links, which takes seconds."""
+"""Sets in a step if the elastic model is chosen automatically: elastic links take seconds."""
 _ELSEWHERE: Final = (StoreUnavailableError, MemoryError)
-"""Errors that say nothing of a set: its step is carried out again, here or by another worker."""
+"""Errors that are not the set's fault: the step is carried out again, here or by another worker."""
 
 
 class FleetWork(Work):
-    """The work of a fleet, its units the sets; one step whose runs are quick is quick."""
+    """The work of a fleet; its units are measurement sets. A single block of quick runs is done at once."""
 
     unit = "sets"
     activity = "identifying"
     robot_id = None
 
     def __init__(self, inputs: Inputs, request: FleetRequest) -> None:
-        """Name the sets.
+        """Find the sets, cut them into blocks, and fix their ids in the request that is stored.
 
         Raises:
-            RequestError: a set is not there, or there is none at all, or there are too many.
+            RequestError: a set does not exist, or the fleet has no set, or too many.
         """
         self._inputs, self._first = inputs, 0
         self._sets = inputs.named_sets(request.measurement_set_ids, "measurement_set_ids")
@@ -51,30 +51,33 @@ class FleetWork(Work):
         # Draws and penalties are steps of a run: a set with many of them is a step of its own.
         sizes = {"joints": SETS_A_STEP, "automatic": _AUTOMATIC}
         size = sizes.get(run.elasticity, 1) if run.resampling is None else 1
-        self._blocks = spans(len(self._sets), size)
+        self._blocks = cut_into_spans(len(self._sets), size)
         self.input_hash = hash_of(*(each.content for each in self._sets), run.model_dump_json())
-        frozen = [each.id for each in self._sets]
-        self.details = {"request": request.model_copy(update={"measurement_set_ids": frozen})}
+        # A request without ids means all robots at this moment: the stored request lists the ids.
+        found = [each.id for each in self._sets]
+        self.details = {"request": request.model_copy(update={"measurement_set_ids": found})}
 
     def steps(self) -> tuple[Span, ...]:
-        """Return the sets in blocks; none where one block holds them all, and their runs take no steps."""
+        """Return the blocks of sets as steps; none if one block has all sets and their runs take no steps."""
         return () if self._is_quick else self._blocks
 
     def compute(self, span: Span) -> Arrays:
-        """Identify some of the sets; a set that fails is a row.
+        """Identify the sets of a step; return their rows as bytes of JSON, and the size of each row.
+
+        A set that fails is a row with its error.
 
         Raises:
             StoreUnavailableError: the database does not answer.
         """
         sets = self._sets[span[0] - self._first : span[1] - self._first]
-        rows = [self._row(each).model_dump_json().encode() for each in sets]
+        rows = [self._identify_as_row(each).model_dump_json().encode() for each in sets]
         return {
             "rows": np.frombuffer(b"".join(rows), np.uint8),
             "sizes": np.array([len(row) for row in rows]),
         }
 
     def conclude(self, parts: Sequence[Arrays]) -> FleetResult:
-        """Return the rows of all sets, and their counts."""
+        """Return the rows of all sets, and the number of sets by outcome."""
         table = joined(parts or map(self.compute, self._blocks))
         ends = np.cumsum(table["sizes"])
         texts = np.split(table["rows"], ends[:-1])
@@ -82,64 +85,70 @@ class FleetWork(Work):
         counts = Counter(map(outcome_of_row, rows))
         return FleetResult(counts={name: counts[name] for name in get_args(FleetOutcome)}, rows=rows)
 
-    def alone(self, span: Span) -> FleetWork:
-        """Return the work with the sets of a step themselves: a store does not go to another process."""
+    def detach_for_step(self, span: Span) -> FleetWork:
+        """Return work that has the sets of a step in memory: another process cannot use the store."""
         part, sets = copy(self), self._sets[slice(*span)]
-        held = _Held.of(self._inputs, sets, self._options)
-        vars(part).update(_inputs=held, _sets=sets, _first=span[0], details={})
+        in_memory = _SetsInMemory.fetch(self._inputs, sets, self._options)
+        vars(part).update(_inputs=in_memory, _sets=sets, _first=span[0], details={})
         return part
 
     @cached_property
     def _is_quick(self) -> bool:
+        """Return whether the fleet is one block of sets whose runs take no steps."""
         return len(self._blocks) == 1 and not any(map(self._takes_steps, self._sets))
 
     def _takes_steps(self, one: NamedSet) -> bool:
+        """Return whether the identification of a set takes steps."""
         try:
-            return bool(self._run_set(one).steps())
-        except JointstiffError:  # it is a row that says why
+            return bool(self._prepare_run(one).steps())
+        except JointstiffError:  # `compute` makes a row of this error
             return False
 
-    def _run_set(self, one: NamedSet) -> Work:
+    def _prepare_run(self, one: NamedSet) -> Work:
+        """Return the work that identifies a set with the options of the fleet."""
         request = RunRequest(measurement_set_id=one.id, **self._options)
-        return identification(self._inputs, request)
+        return prepare_identification(self._inputs, request)
 
     def _identify_set(self, one: NamedSet) -> RunResult:
-        run = self._run_set(one)
+        """Identify a set, all steps in this process, and return the result."""
+        run = self._prepare_run(one)
         result = run.conclude([run.compute(span) for span in run.steps()])
         assert isinstance(result, RunResult)  # noqa: S101 - for mypy: a run has no other result
         return result
 
-    def _row(self, one: NamedSet) -> FleetRow:
+    def _identify_as_row(self, one: NamedSet) -> FleetRow:
+        """Identify a set; return its row, with the result or the error."""
         result, error = outcome_of(partial(self._identify_set, one), _ELSEWHERE)
-        return _row_of(one, result if isinstance(result, RunResult) else None, error)
+        return _make_row(one, result if isinstance(result, RunResult) else None, error)
 
 
-class _Held:
-    """The sets of a fleet in memory, or why each cannot be used."""
+class _SetsInMemory:
+    """Measurement sets, or errors by which they cannot be used; replaces `Inputs` in another process."""
 
     def __init__(self, sets: Mapping[str, PreparedSet | JointstiffError]) -> None:
         self._sets = sets
 
     @classmethod
-    def of(cls, inputs: Inputs, sets: Iterable[NamedSet], options: Mapping[str, Any]) -> _Held:
-        """Fetch the sets as runs with these options do."""
-        held = dict[str, PreparedSet | JointstiffError]()
+    def fetch(cls, inputs: Inputs, sets: Iterable[NamedSet], options: Mapping[str, Any]) -> _SetsInMemory:
+        """Fetch the sets from the store, without the observations that the options leave out."""
+        fetched = dict[str, PreparedSet | JointstiffError]()
         for one in sets:
             try:
-                held[one.id] = inputs.measured(one.id, "measurement_set_id", options.get("leave_out", ()))
+                fetched[one.id] = inputs.measured(one.id, "measurement_set_id", options.get("leave_out", ()))
             except JointstiffError as error:
-                held[one.id] = error
-        return cls(held)
+                fetched[one.id] = error
+        return cls(fetched)
 
     def measured(self, set_id: str, _where: str, _leave_out: Sequence[str] = ()) -> PreparedSet:
-        """Return a set; raises why it cannot be used."""
+        """Return a set, as `Inputs.measured` does, or raise the error by which it cannot be used."""
         found = self._sets[set_id]
         if isinstance(found, JointstiffError):
             raise found
         return found
 
 
-def _row_of(one: NamedSet, result: RunResult | None, error: Problem | None) -> FleetRow:
+def _make_row(one: NamedSet, result: RunResult | None, error: Problem | None) -> FleetRow:
+    """Return the row of a set, with its result, or with the error if the result is None."""
     joints = () if result is None else result.joints
     return FleetRow(
         measurement_set_id=one.id,
@@ -155,15 +164,16 @@ def _row_of(one: NamedSet, result: RunResult | None, error: Problem | None) -> F
 
 
 def _refuse_count(count: int) -> None:
+    """Raise a `RequestError` if a fleet has no set, or too many."""
     if count == 0:
         raise RequestError(
-            "there is no measurement set with loads",
+            "the store has no measurement set with loads",
             where="measurement_set_ids",
             remedy="store the campaigns first",
         )
     if count > MAX_SETS:
         raise RequestError(
-            f"{count:,} robots have measurement sets, which exceeds {MAX_SETS:,}",
+            f"the fleet has {count:,} measurement sets, but at most {MAX_SETS:,} are possible",
             where="measurement_set_ids",
             remedy="post several fleets, each with the ids of some sets",
         )

@@ -1,4 +1,4 @@
-"""A geometry: axes, frames and links from sweeps or poses, and what people read of it."""
+"""A robot's geometry from sweeps or poses: the declaration of the kind, its report and its computation."""
 
 from __future__ import annotations
 
@@ -43,19 +43,19 @@ _MILLI, _MICRO = 1e3, 1e6
 
 
 _CONTROLLER_LEVEL = 0.01
-"""Probability below which the controller's angles do not fit."""
+"""Probability below which the controller's angles are reported as not fitting the readings."""
 _LEAST_PROBABILITY = 1e-6
-"""Less is no different for people."""
+"""Smallest probability that is shown; a lower one is shown as this or less."""
 
 
 def report(_job: Geometry, result: GeometryResult, view: View) -> Report:
-    """Return the axes and the links; with details all evidence."""
-    parts: list[Part] = [_axes(result)]
+    """Return the axes, the links and a summary; `view.details` adds the evidence and the remarks."""
+    parts: list[Part] = [_axes_table(result)]
     if view.details:
         parts += _evidence(result)
     if result.links:
-        parts.append(_links(result.links))
-    parts.append(Line("\n".join(f"  {line}" for line in _summary(result, details=view.details))))
+        parts.append(_links_table(result.links))
+    parts.append(Line("\n".join(f"  {line}" for line in _summary_lines(result, details=view.details))))
     notes = [finding for finding in result.findings if finding.weight == "use"]
     return Report(
         [*parts, *(Line(f"  {f.where}: {f.message}; {f.remedy}", "dim") for f in notes if view.details)]
@@ -63,10 +63,10 @@ def report(_job: Geometry, result: GeometryResult, view: View) -> Report:
 
 
 def _evidence(result: GeometryResult) -> list[Part]:
-    """Return what the axes rest on, and what follows from them, the links apart."""
+    """Return tables and lines on sweeps, poses, tracker frame, targets, wrist centre and drift."""
     parts: list[Part] = []
     if result.sweeps:
-        parts.append(_sweeps(result.sweeps))
+        parts.append(_sweeps_table(result.sweeps))
     if result.poses is not None:
         poses = result.poses
         lines = [
@@ -77,22 +77,23 @@ def _evidence(result: GeometryResult) -> list[Part]:
             lines.append(f"poses left out of the fit are predicted to {length_text(poses.held_out_rms)} rms")
         lines += [f"not determined: {', '.join(names)}" for names in poses.only_together]
         parts.append(Line("\n".join(f"  {line}" for line in lines)))
-    parts += [_frame(result), _targets(result)]
+    parts += [_tracker_frame_table(result), _targets_table(result)]
     if result.wrist is not None:
-        parts += _wrist(result.wrist)
+        parts += _wrist_parts(result.wrist)
     if result.drift is not None:
-        parts.append(_drift(result.drift))
+        parts.append(_drift_line(result.drift))
     return parts
 
 
-def _axes(result: GeometryResult) -> Table:
+def _axes_table(result: GeometryResult) -> Table:
+    """Return a table of the joint axes: a point, the direction, and their uncertainties."""
     axes, micro = result.axes, number(".3g", _MICRO)
     points = [axis.point for axis in axes]
     return Table(
         [
             Column("axis", [axis.name for axis in axes], text=True),
             *(Column(x, [point[i] for point in points], number(".3f", _MILLI)) for i, x in enumerate("xyz")),
-            Column("direction", [axis.direction for axis in axes], _direction),
+            Column("direction", [axis.direction for axis in axes], _direction_text),
             Column("u", [axis.position_uncertainty for axis in axes], micro, "µm"),
             Column("u", [axis.direction_uncertainty for axis in axes], micro, "µrad"),
         ],
@@ -102,11 +103,13 @@ def _axes(result: GeometryResult) -> Table:
     )
 
 
-def _direction(direction: Sequence[float]) -> str:
+def _direction_text(direction: Sequence[float]) -> str:
+    """Format the components of a direction; adding 0.0 turns −0 into 0."""
     return " ".join(f"{round(part, 5) + 0.0:+.5f}" for part in direction)
 
 
-def _sweeps(sweeps: Sequence[SweepEvidence]) -> Table:
+def _sweeps_table(sweeps: Sequence[SweepEvidence]) -> Table:
+    """Return a table of the sweeps of single joints: arc, number of positions, scale and residuals."""
     micro = numbers(".3g", _MICRO, " ")
     return Table(
         [
@@ -124,7 +127,8 @@ def _sweeps(sweeps: Sequence[SweepEvidence]) -> Table:
     )
 
 
-def _frame(result: GeometryResult) -> Table:
+def _tracker_frame_table(result: GeometryResult) -> Table:
+    """Return a table of the transform from the tracker's frame to R0, with its standard uncertainties."""
     transform, micro = result.transform_tracker_to_base, number(".3g", _MICRO)
     covariance = result.transform_covariance
     spread = [None] * 6 if covariance is None else [sqrt(covariance[i][i]) for i in range(6)]
@@ -142,7 +146,8 @@ def _frame(result: GeometryResult) -> Table:
     )
 
 
-def _targets(result: GeometryResult) -> Table:
+def _targets_table(result: GeometryResult) -> Table:
+    """Return a table of the targets' positions in the flange frame."""
     rows = [_place_in_mm(target.position, target.covariance) for target in result.targets]
     return Table(
         [
@@ -155,12 +160,13 @@ def _targets(result: GeometryResult) -> Table:
 
 
 def _place_in_mm(position: Sequence[float], covariance: Sequence[Sequence[float]] | None) -> list[str]:
-    """Return the coordinates in mm, with the standard uncertainty of their last digits."""
+    """Format three coordinates [m] in mm, each with the standard uncertainty of its last digits."""
     spread = [None if covariance is None else _MILLI * sqrt(covariance[i][i]) for i in range(3)]
     return [concise(_MILLI * part, u, ".4f") for part, u in zip(position, spread, strict=True)]
 
 
-def _wrist(wrist: WristResult) -> list[Part]:
+def _wrist_parts(wrist: WristResult) -> list[Part]:
+    """Return a table of the estimates of the wrist centre, and lines on the distances between them."""
     centres = [*wrist.estimates, wrist.combined]
     rows = [_place_in_mm(centre.base, centre.base_covariance) for centre in centres]
     table = Table(
@@ -177,10 +183,11 @@ def _wrist(wrist: WristResult) -> list[Part]:
         f"{pair.probability:.2g})"
         for pair in wrist.distances
     ]
-    return [table, Line("\n".join(f"  {line}" for line in [*lines, _miss(wrist)]))]
+    return [table, Line("\n".join(f"  {line}" for line in [*lines, _axes_miss_text(wrist)]))]
 
 
-def _miss(wrist: WristResult) -> str:
+def _axes_miss_text(wrist: WristResult) -> str:
+    """Describe how far the last three axes miss each other, and whether the decoupled method applies."""
     applies = "applies" if wrist.decoupled_method else "does not apply"
     return (
         f"the last three axes miss each other by {_MICRO * wrist.miss_distance:.1f} ± "
@@ -188,7 +195,8 @@ def _miss(wrist: WristResult) -> str:
     )
 
 
-def _links(links: Sequence[LinkComparison]) -> Table:
+def _links_table(links: Sequence[LinkComparison]) -> Table:
+    """Return a table of the links' lengths and angles: nominal, identified, and their difference."""
     return Table(
         [
             Column("link", [link.quantity for link in links], text=True),
@@ -204,19 +212,23 @@ def _links(links: Sequence[LinkComparison]) -> Table:
 
 
 def _size_text(link: LinkComparison, value: float) -> str:
+    """Format an angle [rad] of a link in degrees, or a length [m] in mm."""
     return f"{degrees(value):.4f}°" if link.unit == "rad" else f"{_MILLI * value:.3f}"
 
 
 def _identified_text(link: LinkComparison) -> str:
+    """Format the identified size of a link, or say that it is not determined."""
     return "not determined" if link.standard_uncertainty is None else _size_text(link, link.identified)
 
 
 def _difference_text(link: LinkComparison) -> str:
+    """Format the difference of identified and nominal size in mm or mrad, with its uncertainty."""
     u = link.standard_uncertainty
     return NO_NUMBER if u is None else concise(_MILLI * link.difference, u and _MILLI * u, ".4f")
 
 
-def _drift(drift: Drift) -> Line:
+def _drift_line(drift: Drift) -> Line:
+    """Return a line on the motion of the targets on the base during the measurement."""
     size = sqrt(sum(part**2 for part in drift.displacement))
     turn = sqrt(sum(part**2 for part in drift.rotation))
     verdict = "beyond noise" if drift.significant else "within noise"
@@ -226,7 +238,8 @@ def _drift(drift: Drift) -> Line:
     )
 
 
-def _summary(result: GeometryResult, *, details: bool) -> list[str]:
+def _summary_lines(result: GeometryResult, *, details: bool) -> list[str]:
+    """Return lines on sigma, the fit of all sweeps, the controller's angles and the wrist centre."""
     lines = [
         f"sigma of a coordinate {_MICRO * result.sigma:.1f} µm ({result.sigma_source}), χ²/dof "
         f"{result.variance_factor:.2f} with {result.degrees_of_freedom} degrees of freedom"
@@ -242,7 +255,7 @@ def _summary(result: GeometryResult, *, details: bool) -> list[str]:
     if result.no_wrist is not None:
         lines.append(f"no wrist centre: {result.no_wrist}")
     if result.wrist is not None and not details:
-        lines.append(_miss(result.wrist))
+        lines.append(_axes_miss_text(result.wrist))
     if details:
         tables = (f"{table.convention} {_MICRO * table.deviation:.1f} µm" for table in result.dh)
         lines.append(f"deviation of the DH tables (all numbers in the JSON): {', '.join(tables)}")
@@ -250,21 +263,21 @@ def _summary(result: GeometryResult, *, details: bool) -> list[str]:
 
 
 def _fit_probability(probability: float) -> str:
-    """Return the probability that noise alone makes a fit so bad."""
+    """Describe the probability of a worse fit by noise alone, the p-value of the fit."""
     percent = figure(100.0 * max(probability, _LEAST_PROBABILITY), ".1g")
-    less = " or less" if probability < _LEAST_PROBABILITY else ""
-    return f"noise alone fits no better with probability {percent} %{less}"
+    or_less = " or less" if probability < _LEAST_PROBABILITY else ""
+    return f"noise alone gives a worse fit with probability {percent} %{or_less}"
 
 
 def charts(result: GeometryResult) -> list[Chart]:
-    """Return the uncertainty of each axis."""
+    """Return a chart of the position uncertainty of each axis."""
     names = [axis.name for axis in result.axes]
     series = {"position": [axis.position_uncertainty for axis in result.axes]}
     return [Chart("Standard uncertainty across each axis", names, series, _MICRO, "µm", "axes")]
 
 
 def axes_sheet(geometry: Geometry) -> Sheet:
-    """Return a row an axis."""
+    """Return the file `axes.csv`: a row for each axis; empty without result."""
     return Sheet.of_fields(geometry.result.axes if geometry.result else [], _AXES)
 
 
@@ -278,10 +291,10 @@ _AXES: Final = {
 
 
 def compute(inputs: Inputs, request: GeometryRequest) -> Work:
-    """Return the work of a geometry.
+    """Check robot and readings, and return the work that identifies the geometry.
 
     Raises:
-        RequestError: there is no such robot, it cannot be used, or the readings contradict themselves or the
+        RequestError: the robot does not exist or cannot be used, or the readings contradict each other or the
             nominal model.
     """
     from jointstiff.service.conversion.geometry import to_poses, to_sweeps
@@ -291,7 +304,7 @@ def compute(inputs: Inputs, request: GeometryRequest) -> Work:
 
     if request.poses is not None and not request.has_robot:
         raise RequestError(
-            "poses calibrate a nominal model, which is missing",
+            "poses calibrate a nominal robot model, but the request has none",
             where="robot_id",
             remedy="give `robot_id` or `robot`",
         )
@@ -307,7 +320,7 @@ def compute(inputs: Inputs, request: GeometryRequest) -> Work:
             readings = to_poses(request, nominal)
         else:
             readings = to_sweeps(request, nominal)
-    # Names and ids do not count.
+    # The hash is of inputs that influence the result: names and ids do not.
     options = request.model_dump_json(exclude={"robot_id": True, "name": True, "robot": {"name"}})
     return QuickWork(
         result=lambda: _identify(request, readings, nominal),
@@ -318,6 +331,7 @@ def compute(inputs: Inputs, request: GeometryRequest) -> Work:
 
 
 def _identify(request: GeometryRequest, readings: SweepSet | Poses, robot: Robot | None) -> GeometryResult:
+    """Identify the geometry from sweeps, or from poses with the robot's nominal model; return the result."""
     from jointstiff.service.conversion.geometry import to_conventions
     from jointstiff.service.conversion.prepared import to_base_targets
     from jointstiff.service.kinds.work import as_request_errors

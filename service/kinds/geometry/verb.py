@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.service.kinds.geometry.kind import GEOMETRY
-from jointstiff.service.kinds.verb import Door, Follow, describe_fields, stated
+from jointstiff.service.kinds.verb import Door, Follow, describe_fields, merge_options
 from jointstiff.service.resources.documents import read_object, read_robot
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def geometry(
     """Identify the geometry of a robot from sweeps or poses.
 
     Args:
-        door: whose method this is: where the work is done.
+        door: `Here` or a `Client`, which has this function as a method and does the work.
         readings: a file, a document, or the message of the request.
         options: a `GeometryRequest`; fields by name replace its own.
         on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
@@ -74,11 +74,11 @@ def geometry(
         fields: fields of `GeometryRequest`.
 
     Returns:
-        The Geometry, with its result in SI units. A failure of the computation is one in state `failed`.
+        The Geometry, with its result in SI units. If the computation fails, its state is `failed`.
 
     Raises:
-        CampaignError: a source or an option cannot be used; its `problem` says what, where and what to do.
-        RefusedError: the service refuses it.
+        CampaignError: a source or an option cannot be used; the error's `problem` says why, and the remedy.
+        RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """
     with Follow(on_progress, cancel, executor) as follow:
@@ -89,9 +89,9 @@ def geometry(
             request = {} if readings is None else dict(readings)
         robot = given.get("robot")
         robot = read_robot(robot) if isinstance(robot, str) else robot
-        if isinstance(robot, Message):
+        if isinstance(robot, Message):  # a robot replaces the id of a stored robot in the request
             given |= {"robot": robot.model_dump(mode="json"), "robot_id": None}
-        return door.done(GEOMETRY, request | stated(GeometryRequest, options, given), {}, follow)
+        return door.done(GEOMETRY, request | merge_options(GeometryRequest, options, given), {}, follow)
 
 
 describe_fields(geometry, GeometryRequest)

@@ -59,12 +59,14 @@ _EXAMPLES: Final[dict[str, Any]] = {
 
 
 def _compute(inputs: Inputs, request: MapRequest) -> Work:
-    from jointstiff.service.kinds.map.work import work
+    """Return the work of a map, which is computed later; numerical modules are imported here."""
+    from jointstiff.service.kinds.map.work import prepare_map
 
-    return work(inputs, request)
+    return prepare_map(inputs, request)
 
 
-def _places(work: MapWork) -> Sheet:
+def _places_sheet(work: MapWork) -> Sheet:
+    """Return the table of all places, computed again from the map's request."""
     return work.sheet()
 
 
@@ -78,10 +80,10 @@ _REASONS: Final[Mapping[PlaceStatus, str]] = {
 
 
 def _report(job: Map, result: MapResult, _view: View) -> Report:
-    """Return counts first, then the worst and the stiffest place."""
+    """Return the number of places without answer, quantiles of the deflection, and the extreme places."""
     counts = result.counts
-    without = ", ".join(f"{counts[name]} {reason}" for name, reason in _REASONS.items() if counts[name])
-    lines = [without or f"all {result.places} places reached"]
+    unanswered = ", ".join(f"{counts[name]} {reason}" for name, reason in _REASONS.items() if counts[name])
+    lines = [unanswered or f"all {result.places} places reached"]
     if result.percentiles:
         values = {percent: 1e6 * size for percent, size in result.percentiles.items()}
         lines.append(
@@ -93,11 +95,14 @@ def _report(job: Map, result: MapResult, _view: View) -> Report:
     parts: list[Part] = [Line(line) for line in [*lines, *result.remarks]]
     if result.worst is not None and result.stiffest is not None:
         places = (result.worst, result.stiffest)
-        parts.append(_extremes(places, job.request.confidence, list(result.joint_kinds.values())))
+        parts.append(_extremes_table(places, job.request.confidence, list(result.joint_kinds.values())))
     return Report(parts)
 
 
-def _extremes(places: tuple[MapPlace, MapPlace], confidence: float, kinds: Sequence[JointKind]) -> Table:
+def _extremes_table(
+    places: tuple[MapPlace, MapPlace], confidence: float, kinds: Sequence[JointKind]
+) -> Table:
+    """Return a table of the worst and the stiffest place: posture, deflection, intervals, compliance."""
     micro, joints = number(".3g", 1e6), [each.joints for each in places]
     posture = Column("controller's angles", [[*map(degrees, each)] for each in joints], numbers(".1f"), "°")
     if kinds:
@@ -120,7 +125,7 @@ def _extremes(places: tuple[MapPlace, MapPlace], confidence: float, kinds: Seque
 
 
 def charts(result: MapResult) -> list[Chart]:
-    """Return the quantiles of the deflection over the places."""
+    """Return a chart of the quantiles of the deflection over the places; none if no place is reached."""
     names = [f"{percent} %" for percent in result.percentiles]
     series = {"deflection": [*result.percentiles.values()]}
     title = "Deflection that this share of the places does not exceed"
@@ -128,19 +133,22 @@ def charts(result: MapResult) -> list[Chart]:
 
 
 def area(sheet: Sheet) -> Area:
-    """Return the slice across the axis with the fewest places that holds the greatest deflection."""
+    """Return the plane slice of a map that `plot` draws, with the greatest deflection.
+
+    The slice is normal to the axis along which the map has the fewest places.
+    """
     places = {axis: [1e3 * float(value) for value in sheet.columns[f"{axis} [m]"]] for axis in "xyz"}
     values = [float("nan") if value is None else float(value) for value in sheet.columns["deflection [m]"]]
-    across = min("zyx", key=lambda axis: len(set(places[axis])))
+    normal = min("zyx", key=lambda axis: len(set(places[axis])))
     reached = [i for i, value in enumerate(values) if isfinite(value)]
-    at = places[across][max(reached, key=lambda i: values[i])] if reached else places[across][0]
-    kept = [i for i, value in enumerate(places[across]) if value == at]
-    first, second = (axis for axis in "xyz" if axis != across)
+    height = places[normal][max(reached, key=lambda i: values[i])] if reached else places[normal][0]
+    in_slice = [i for i, value in enumerate(places[normal]) if value == height]
+    first, second = (axis for axis in "xyz" if axis != normal)
     return Area(
-        f"Deflection at {across} = {at:.0f} mm",
-        [places[first][i] for i in kept],
-        [places[second][i] for i in kept],
-        [values[i] for i in kept],
+        f"Deflection at {normal} = {height:.0f} mm",
+        [places[first][i] for i in in_slice],
+        [places[second][i] for i in in_slice],
+        [values[i] for i in in_slice],
         (f"{first} [mm]", f"{second} [mm]", "deflection [µm]"),
         1e6,
     )
@@ -164,19 +172,19 @@ MAP: Final = Kind[Map, MapRequest](
             description="all places as a table: status, place, posture, deflection, intervals, compliance; "
             "units in headers. It is computed again from the map's run, which never changes: keep the run as "
             "long as the map.",
-            sheet=_places,
+            sheet=_places_sheet,
             made_of="work",
         ),
         File(
             name="map.npz",
             description="all places as numpy's npz, with all digits.",
-            sheet=_places,
+            sheet=_places_sheet,
             made_of="work",
         ),
         File(
             name="map.json",
             description="the table as JSON, column by column, with units.",
-            sheet=_places,
+            sheet=_places_sheet,
             made_of="work",
         ),
     ),

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Literal, TypedDict, Unpack
 
 from jointstiff.schemas.deflection import MapOptions
 from jointstiff.service.kinds.map.kind import MAP
-from jointstiff.service.kinds.verb import Door, Follow, describe_fields, stated
+from jointstiff.service.kinds.verb import Door, Follow, describe_fields, merge_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -52,7 +52,7 @@ def map(  # noqa: A001 - the name of the command
     """Map deflection and compliance over a work area.
 
     Args:
-        door: whose method this is: where the work is done.
+        door: `Here` or a `Client`, which has this function as a method and does the work.
         run: what `identify` returned, or a campaign, which is identified now.
         options: a `MapOptions`; fields by name replace its own.
         on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
@@ -64,17 +64,17 @@ def map(  # noqa: A001 - the name of the command
         fields: fields of `MapOptions`.
 
     Returns:
-        The Map, with its result in SI units. A failure of the computation is one in state `failed`.
+        The Map, with its result in SI units. If the computation fails, its state is `failed`.
 
     Raises:
-        CampaignError: a source or an option cannot be used; its `problem` says what, where and what to do.
-        RefusedError: the service refuses it.
+        CampaignError: a source or an option cannot be used; the error's `problem` says why, and the remedy.
+        RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """
     with Follow(on_progress, cancel, executor) as follow:
         door = door.begun(follow)
         request = {"run_id": door.identified(run, executor)}
-        return door.done(MAP, request | stated(MapOptions, options, fields), {}, follow)
+        return door.done(MAP, request | merge_options(MapOptions, options, fields), {}, follow)
 
 
 describe_fields(map, MapOptions)

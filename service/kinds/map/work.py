@@ -1,4 +1,4 @@
-"""A map as work: blocks of places, each a step; and its table, made again from the request."""
+"""The work of a map: its steps are blocks of places. Its table is computed again when it is needed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.robots import kinds_of, refuse_far_point, refuse_other_angles
-from jointstiff.service.kinds.work import Arrays, Span, Work, joined, spans
+from jointstiff.service.kinds.work import Arrays, Span, Work, cut_into_spans, joined
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import (
     RunModel,
@@ -39,51 +39,52 @@ from jointstiff.solver.predict.answers import (
 )
 
 POSES_A_STEP: Final = 10_000
-"""Places times orientations of a quarter of a second."""
+"""Postures (places times orientations) in a step, which takes a quarter of a second."""
 _ELASTIC: Final = 5
-"""Postures in whose time and memory those with elastic links take one."""
+"""Cost of a posture with elastic links, in time and memory, relative to one with elastic joints alone."""
 _LEAST_LENGTH: Final = 1e-9
+"""Length below which a direction counts as the zero vector."""
 
 
 class MapWork(Work):
-    """The work of a map, its units the places; one that takes a single step is quick."""
+    """The work of a map; its units are places. A map of a single block is done at once."""
 
     unit = "places"
     activity = "mapping"
 
     def __init__(self, robot: Robot, robot_id: str, run: Run, request: MapOptions) -> None:
-        """Check the request.
+        """Check the request, and prepare the model, the grid and the inverse kinematics.
 
         Raises:
-            RequestError: the run has no model that predicts, or the request does not fit the robot.
+            RequestError: the run has no model for predictions, or the request does not fit the robot.
         """
         self.robot_id = robot_id
         self.robot, self.request = robot, request
         options = request.model_dump_json(exclude={"run_id", "name"})
         self.input_hash = hash_of(run.provenance.input_hash, options)
         self._used = RunModel.of(robot, run, absolute=request.absolute)
-        self._task, self.places = map_task(request, robot), grid_of(request)
+        self._task, self.places = make_map_task(request, robot), make_grid(request)
         try:
             self._inverse = InverseKinematics(robot, self._task.near)
         except RobotError as error:
             raise RequestError(error.reason, where="run_id", remedy=error.remedy) from error
 
     def steps(self) -> tuple[Span, ...]:
-        """Return the places in blocks; none where one block holds them all."""
+        """Return the blocks of places as steps; none if one block has all places."""
         blocks = self._blocks()
         return blocks if len(blocks) > 1 else ()
 
     def compute(self, span: Span) -> Arrays:
-        """Map some of the places.
+        """Compute posture, deflection and compliance at the places of a step; return the columns by name.
 
         Raises:
-            JointstiffError: a load finds no stable balance.
+            JointstiffError: the springs have no stable equilibrium under the load.
         """
         places = self.places[slice(*span)]
         return vars(map_places(self._used.model, self._used.error, self._task, self._inverse, places))
 
     def conclude(self, parts: Sequence[Arrays]) -> MapResult:
-        """Return the summary.
+        """Return the summary of the map, from the columns of all steps.
 
         Raises:
             JointstiffError: as `compute` does.
@@ -100,7 +101,7 @@ class MapWork(Work):
         )
 
     def _reasons(self, numbers: Mapping[str, Any]) -> list[Finding]:
-        """Return what speaks against a map, in addition to its run."""
+        """Return the reasons against use of the map, in addition to the reasons against its run."""
         counts, places, worst = numbers["counts"], numbers["places"], numbers["worst"]
         return [
             *of_deflection(None if worst is None else worst.deflection, self._used.result),
@@ -111,11 +112,11 @@ class MapWork(Work):
 
     @cached_property
     def table(self) -> DeflectionMap:
-        """All places; the same numbers each time, as a run never changes."""
+        """Table of all places, with the same numbers whenever it is computed, because a run never changes."""
         return DeflectionMap(**joined(map(self.compute, self._blocks())))
 
     def sheet(self) -> Sheet:
-        """Return all places: status, place, posture, deflection, intervals, compliance; NaN for no number."""
+        """Return the table of all places for files, units in headers; NaN where a place has no answer."""
         table, request = self.table, self.request
         direction, turn = np.divmod(table.orientation, request.turns)
         posed = ~np.isnan(table.joints[:, 0])
@@ -141,26 +142,27 @@ class MapWork(Work):
         return Sheet(columns, texts=frozenset({"status"}), digits=".10g")
 
     def _blocks(self) -> tuple[Span, ...]:
+        """Return the places, cut into spans of as many as take a quarter of a second."""
         poses = POSES_A_STEP // _ELASTIC if self._used.model.first_order else POSES_A_STEP
         size = max(1, poses // len(self._task.rotation))
-        return spans(len(self.places), size)
+        return cut_into_spans(len(self.places), size)
 
 
-def work(inputs: Inputs, request: MapRequest) -> MapWork:
-    """Return the work of a map.
+def prepare_map(inputs: Inputs, request: MapRequest) -> MapWork:
+    """Fetch the run of a request, and return the work of the map.
 
     Raises:
-        RequestError: there is no such run, it has no model that predicts, or the request does not fit it.
+        RequestError: the run does not exist, has no model for predictions, or does not fit the request.
     """
     run = accepted_run(inputs, request.run_id, request.accept_verdict)
     return MapWork(run.prepared.robot, run.prepared.robot_id, run.run, request)
 
 
-def grid_of(request: MapOptions) -> FloatArray:
-    """Return the places (P, 3) of the grid [m], z running fastest.
+def make_grid(request: MapOptions) -> FloatArray:
+    """Return the places (P, 3) of the grid in R0 [m], in order of x, then y, then z (z changes fastest).
 
     Raises:
-        RequestError: the box is inside out, or there are too many places or poses.
+        RequestError: the first corner of the box exceeds the second, or there are too many places or poses.
     """
     least, greatest = (np.array(corner) for corner in request.area)
     if (least > greatest).any():
@@ -171,13 +173,13 @@ def grid_of(request: MapOptions) -> FloatArray:
         )
     places = int(np.prod(request.grid))
     poses = places * len(request.directions) * request.turns
-    for what, count, most in (
+    for counted, count, most in (
         ("places", places, MAX_PLACES),
         ("places times directions times turns", poses, MAX_POSES),
     ):
         if count > most:
             raise RequestError(
-                f"{count:,} {what} exceed {most:,}",
+                f"the map has {count:,} {counted}, but at most {most:,} are possible",
                 where="grid",
                 remedy="use a coarser grid, fewer orientations, or several maps",
             )
@@ -188,12 +190,12 @@ def grid_of(request: MapOptions) -> FloatArray:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def map_task(request: MapOptions, robot: Robot) -> MapTask:
-    """Return what to ask of each place.
+def make_map_task(request: MapOptions, robot: Robot) -> MapTask:
+    """Return the task that is solved at each place: tool orientations, load, direction, limits, posture.
 
     Raises:
-        RequestError: a direction without length, no load, limits or angles of other joints than the robot's,
-            or a point that no tool reaches.
+        RequestError: a direction has no length, the load is missing, limits or angles do not fit the robot's
+            joints, or a point is too far from the flange.
     """
     refuse_far_point(request.place, "place")
     refuse_far_point(request.load_point, "load_point")
@@ -204,7 +206,7 @@ def map_task(request: MapOptions, robot: Robot) -> MapTask:
         raise RequestError(
             "the direction of the compliance is missing",
             where="direction",
-            remedy="give `direction`, because there is no force",
+            remedy="give `direction`, or a force that is not zero",
         )
     limits = np.tile([-np.inf, np.inf], (robot.n, 1))
     for name, (least, greatest) in request.limits.items():
@@ -223,12 +225,13 @@ def map_task(request: MapOptions, robot: Robot) -> MapTask:
         request.turns,
     )
     direction = _unit_vector(tuple(force) if request.direction is None else request.direction, "direction")
-    turned = rotation if request.axes == "flange" else np.broadcast_to(np.eye(3), rotation.shape)
+    # Load and direction are given along the axes of the flange, or of R0.
+    load_axes = rotation if request.axes == "flange" else np.broadcast_to(np.eye(3), rotation.shape)
     return MapTask(
         rotation=rotation,
-        force=turned @ force,
-        moment=turned @ moment,
-        direction=turned @ direction,
+        force=load_axes @ force,
+        moment=load_axes @ moment,
+        direction=load_axes @ direction,
         place=np.array(request.place),
         load_point=np.array(request.place if request.load_point is None else request.load_point),
         limits=limits,
@@ -238,6 +241,7 @@ def map_task(request: MapOptions, robot: Robot) -> MapTask:
 
 
 def _unit_vector(vector: Sequence[float], where: str) -> FloatArray:
+    """Return a vector divided by its length; refuse the zero vector, which the request has at `where`."""
     array = np.array(vector, dtype=np.float64)
     length = float(np.linalg.norm(array))
     if length < _LEAST_LENGTH:

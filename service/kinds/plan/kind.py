@@ -1,4 +1,4 @@
-"""A plan: postures and loads to measure, and what people read of it; and the same as CSV."""
+"""A plan of postures and loads to measure: the declaration of the kind, its report, and its table as CSV."""
 
 from __future__ import annotations
 
@@ -26,9 +26,10 @@ if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work
     from jointstiff.service.resources.inputs import Inputs
 
-_DOWN: Final = -0.9999  # along z of R0: a weight
+_DOWN: Final = -0.9999
+"""Component along z of R0 below which a unit vector counts as pointing down."""
 _TIGHT: Final = 0.3
-"""Certified efficiency below which the bound, not the list, is poor as a rule: many parameters."""
+"""Certified efficiency below which the bound is poor rather than the list, as with many parameters."""
 _CRITERIA = {
     "relative_a": "relative uncertainty of the joints",
     "work_area": "predictions in the work area",
@@ -39,23 +40,23 @@ _CRITERIA = {
 
 
 def report(job: Plan, result: PlanResult, view: View) -> Report:
-    """Return the promise first, then the list."""
-    struck = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in result.struck_out.items())
-    tight = "certified:" if result.efficiency >= _TIGHT else "certified, but the bound is not tight:"
+    """Return the joints' predicted uncertainties, the list of readings, and lines on the plan's quality."""
+    struck_out = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in result.struck_out.items())
+    certificate = "certified:" if result.efficiency >= _TIGHT else "certified, but the bound is not tight:"
     lines = [
-        f"{tight} at least {100 * result.efficiency:.1f} % of the best list's information "
+        f"{certificate} at least {100 * result.efficiency:.1f} % of the best list's information "
         f"({_CRITERIA[result.criterion]})",
         f"{result.feasible} of {result.considered} readings were feasible"
-        + (f"; struck out: {struck}" if struck else ""),
+        + (f"; struck out: {struck_out}" if struck_out else ""),
     ]
     if result.goal_share is not None:
         lines.append(
-            f"{len(result.readings)} readings are the fewest whose list meets the goal: "
-            f"{result.goal_share:.2f} of its uncertainty, by the noise of the readings"
+            f"{len(result.readings)} readings are the fewest that meet the goal: their uncertainty is "
+            f"{result.goal_share:.2f} of the goal's, by the noise of the readings"
         )
     blocks = max((each.block for each in result.readings), default=1)
     if blocks > 1:
-        lines.append(f"{blocks} blocks, each a good plan by itself: whoever stops after one of them has one")
+        lines.append(f"{blocks} blocks: you can stop after any of them, and still have a good plan")
     if result.elastic_links:
         lines.append("the plan allows for elastic links, because joints alone do not explain the deflection")
     if result.deflection_uncertainty is not None and result.worst_deflection_uncertainty is not None:
@@ -69,15 +70,16 @@ def report(job: Plan, result: PlanResult, view: View) -> Report:
             "campaign so far: identify both together, as in the campaign to fill in"
         )
     readings = _readings(job, result, boxes=view.details)
-    return Report([_joints(result), readings, *map(Line, lines)])
+    return Report([_joints_table(result), readings, *map(Line, lines)])
 
 
-def _joints(result: PlanResult) -> Table:
-    joints, none = result.joints, [None] * len(result.left_out)
+def _joints_table(result: PlanResult) -> Table:
+    """Return a table of each joint's uncertainty after the plan and now; empty for joints left out."""
+    joints, empty = result.joints, [None] * len(result.left_out)
     columns = [
         Column("joint", [*(joint.name for joint in joints), *result.left_out], text=True),
-        Column("plan", [*(_cell(joint, joint.standard_uncertainty) for joint in joints), *none]),
-        Column("now", [*(_cell(joint, joint.before) for joint in joints), *none]),
+        Column("plan", [*(_uncertainty_cell(joint, joint.standard_uncertainty) for joint in joints), *empty]),
+        Column("now", [*(_uncertainty_cell(joint, joint.before) for joint in joints), *empty]),
     ]
     caption = "by the noise of the readings, the bounds of the masses and the geometry"
     if any(any(each.force) for each in result.readings):
@@ -91,14 +93,17 @@ def _joints(result: PlanResult) -> Table:
 
 
 def _relative_uncertainty(joint: PlannedJoint, uncertainty: float | None) -> float | None:
-    """Return an uncertainty relative to the compliance, which is that of the stiffness; None if unknown."""
+    """Return an uncertainty of a compliance relative to the compliance; None if either is unknown.
+
+    The stiffness has the same relative uncertainty.
+    """
     if uncertainty is None or joint.relative is None:
         return None
     return joint.relative * uncertainty / joint.standard_uncertainty
 
 
-def _cell(joint: PlannedJoint, uncertainty: float | None) -> str | None:
-    """Return a share of the compliance; the compliance's uncertainty itself where that is not known."""
+def _uncertainty_cell(joint: PlannedJoint, uncertainty: float | None) -> str | None:
+    """Format an uncertainty in % of the compliance, or as a compliance if the joint's is unknown."""
     share = _relative_uncertainty(joint, uncertainty)
     if share is not None:
         return f"{figure(100 * share, '.2g')} %"
@@ -107,15 +112,15 @@ def _cell(joint: PlannedJoint, uncertainty: float | None) -> str | None:
 
 
 def _readings(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
-    """Return a row for each posture; with boxes to tick on paper."""
+    """Return the table of readings: posture, force, direction; with `boxes`, columns to tick on paper."""
     readings = result.readings
     gauged = any(each.direction is not None for each in readings)
-    lengths, blocks = _prismatic_joints(result), max((each.block for each in readings), default=1)
+    prismatic, blocks = _prismatic_joints(result), max((each.block for each in readings), default=1)
     angles = [
         Column(name, [1e3 * each.joints[j] for each in readings], number(".1f"), "mm")
-        if j in lengths
+        if j in prismatic
         else Column(name, [degrees(each.joints[j]) for each in readings], number(".1f"), "°")
-        for j, name in enumerate(_axes(result))
+        for j, name in enumerate(_joint_names(result))
     ]
     ticks = [Column(name, ["[   ]"] * len(readings), text=True) for name in ("unloaded", "loaded")]
     return Table(
@@ -124,7 +129,7 @@ def _readings(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
             *([Column("block", [str(each.block) for each in readings], text=True)] if blocks > 1 else []),
             *angles,
             Column("force", [hypot(*each.force) for each in readings], number(".0f"), "N"),
-            Column("direction", [_direction(job, each) for each in readings], text=True),
+            Column("direction", [_force_direction(job, each) for each in readings], text=True),
             *(
                 [Column("read along", [_gauge_direction(each) for each in readings], text=True)]
                 if gauged
@@ -144,8 +149,8 @@ def _prismatic_joints(result: PlanResult) -> list[int]:
     return [j for j, kind in enumerate(result.joint_kinds.values()) if kind == "prismatic"]
 
 
-def _axes(result: PlanResult) -> list[str]:
-    """Return the names of the axes; those that are not determined have their number."""
+def _joint_names(result: PlanResult) -> list[str]:
+    """Return the names of all joints; numbers if a plan without `joint_kinds` does not name them all."""
     if result.joint_kinds:
         return list(result.joint_kinds)
     known = [joint.name for joint in result.joints]
@@ -153,8 +158,8 @@ def _axes(result: PlanResult) -> list[str]:
     return known if len(known) == count else [f"axis {j + 1}" for j in range(count)]
 
 
-def _direction(job: Plan, reading: PlannedReading) -> str:
-    """Return where a force pulls, in words where it has some."""
+def _force_direction(job: Plan, reading: PlannedReading) -> str:
+    """Describe the direction of a force: the anchor of a cable, own weight, down, or components in R0."""
     if reading.anchor is not None and isinstance(job.request.load, Cable):
         return f"to anchor {reading.anchor + 1}, {_millimetres(job.request.load.anchors[reading.anchor])} mm"
     size = hypot(*reading.force)
@@ -165,48 +170,53 @@ def _direction(job: Plan, reading: PlannedReading) -> str:
 
 
 def _gauge_direction(reading: PlannedReading) -> str:
-    """Return the direction of a gauge: the axis of R0 where it is one, as `import` reads it."""
+    """Describe the direction of a gauge as `import` reads it: an axis of R0 such as "z", or components."""
     direction = reading.direction or (0.0, 0.0, 0.0)
     axis = next((axis for axis, part in zip("xyz", direction, strict=True) if abs(part) > -_DOWN), None)
     return axis or _components(direction)
 
 
 def _components(unit: Sequence[float]) -> str:
+    """Format the components of a unit vector."""
     return "  ".join(f"{axis} {part:+.2f}" for axis, part in zip("xyz", unit, strict=True))
 
 
-def _millimetres(place: Sequence[float]) -> str:
-    return ", ".join(f"{1e3 * part:.0f}" for part in place)
+def _millimetres(position: Sequence[float]) -> str:
+    """Format the coordinates of a position [m] in mm."""
+    return ", ".join(f"{1e3 * part:.0f}" for part in position)
 
 
 def readings_sheet(plan: Plan) -> Sheet:
-    """Return the list with empty columns for what is read: filled in, `jointstiff import` takes it."""
+    """Return the file `readings.csv`: the list of readings with empty columns for the measured positions.
+
+    When the columns are filled in, `jointstiff import` reads the file.
+    """
     result = plan.result
     if result is None:
         return Sheet({})
-    lengths = _prismatic_joints(result)
+    prismatic = _prismatic_joints(result)
     names = [
-        f"joint_{j + 1} [{'mm' if j in lengths else 'deg'}]" for j in range(len(result.readings[0].joints))
+        f"joint_{j + 1} [{'mm' if j in prismatic else 'deg'}]" for j in range(len(result.readings[0].joints))
     ]
-    places = [f"load point {axis} [mm]" for axis in "xyz"]
-    along = {axis for each in result.readings if (axis := _gauge_direction(each)) in ("x", "y", "z")}
+    point_names = [f"load point {axis} [mm]" for axis in "xyz"]
+    gauge_axes = {axis for each in result.readings if (axis := _gauge_direction(each)) in ("x", "y", "z")}
     gauged = any(each.direction is not None for each in result.readings)
     states = ("along",) if gauged else ("unloaded", "loaded")
     empty = [
         f"{target} {state} {axis} [mm]"
         for target in result.targets
         for state in states
-        for axis in (sorted(along) if gauged else "xyz")
+        for axis in (sorted(gauge_axes) if gauged else "xyz")
     ]
     return Sheet.of_rows(
         {
             "label": each.label,
             **{
-                name: round(1e3 * value if j in lengths else degrees(value), 3)
+                name: round(1e3 * value if j in prismatic else degrees(value), 3)
                 for j, (name, value) in enumerate(zip(names, each.joints, strict=True))
             },
             **{f"F{axis} [N]": round(part, 1) for axis, part in zip("xyz", each.force, strict=True)},
-            **{name: round(1e3 * part, 3) for name, part in zip(places, result.load_point, strict=True)},
+            **{name: round(1e3 * part, 3) for name, part in zip(point_names, result.load_point, strict=True)},
             "anchor": None if each.anchor is None else each.anchor + 1,
             "validation": int(each.held_out),
             **({"remark": f"read along {_gauge_direction(each)}"} if gauged else {}),
@@ -217,7 +227,7 @@ def readings_sheet(plan: Plan) -> Sheet:
 
 
 def campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> dict[str, Any]:
-    """Return a campaign file with the planned readings, whose positions are still null."""
+    """Return a campaign's JSON object with the planned readings; the measured positions are still null."""
     options, result = plan.request, plan.result
     robot = source.robot if isinstance(source, Campaign) else source
     encoders = source.measurement_set.encoders if isinstance(source, Campaign) else "motor"
@@ -252,8 +262,9 @@ def campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> dict[st
 
 
 def charts(result: PlanResult) -> list[Chart]:
-    """Return the predicted uncertainty of each joint, compared with that of today and of random plans."""
+    """Return a chart of each joint's uncertainty: after this plan, after random plans, and now."""
     joints, known = result.joints, all(joint.relative is not None for joint in result.joints)
+    # Without the compliance of every joint, uncertainties of compliances are drawn, not relative ones.
     value = _relative_uncertainty if known else lambda _, uncertainty: uncertainty
     series = {
         "this plan": [value(joint, joint.standard_uncertainty) for joint in joints],
@@ -261,8 +272,8 @@ def charts(result: PlanResult) -> list[Chart]:
         "now": [value(joint, joint.before) for joint in joints],
     }
     drawn = {name: values for name, values in series.items() if any(each is not None for each in values)}
-    whose, factor, unit = ("stiffness", 1e2, "%") if known else ("compliance", 1e9, "10⁻⁹ rad/(N·m)")
-    title, names = f"Standard uncertainty of each {whose}", [joint.name for joint in joints]
+    quantity, factor, unit = ("stiffness", 1e2, "%") if known else ("compliance", 1e9, "10⁻⁹ rad/(N·m)")
+    title, names = f"Standard uncertainty of each {quantity}", [joint.name for joint in joints]
     return [Chart(title, names, drawn, factor, unit, "joints", logarithmic=True)]
 
 
@@ -285,10 +296,10 @@ _EXAMPLES: Final[dict[str, Any]] = {
 
 
 def compute(inputs: Inputs, request: PlanRequest) -> Work:
-    """Return the work of a plan."""
-    from jointstiff.service.kinds.plan.work import planning
+    """Return the work of a plan, which is computed later; numerical modules are imported here."""
+    from jointstiff.service.kinds.plan.work import prepare_plan
 
-    return planning(inputs, request)
+    return prepare_plan(inputs, request)
 
 
 PLAN: Final = Kind[Plan, PlanRequest](

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 from jointstiff.schemas.plan import PlanOptions
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.kinds.plan.kind import PLAN
-from jointstiff.service.kinds.verb import Door, Follow, describe_fields, stated
+from jointstiff.service.kinds.verb import Door, Follow, describe_fields, merge_options
 from jointstiff.service.resources.documents import read_planned
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def plan(
     """Plan which postures and loads to measure.
 
     Args:
-        door: whose method this is: where the work is done.
+        door: `Here` or a `Client`, which has this function as a method and does the work.
         source: the campaign to go on with; or, to begin one, a robot: a document, the name of a file, or of
             an arm of the catalogue.
         options: a `PlanOptions`; fields by name replace its own.
@@ -86,11 +86,11 @@ def plan(
         fields: fields of `PlanOptions`.
 
     Returns:
-        The Plan, with its result in SI units. A failure of the computation is one in state `failed`.
+        The Plan, with its result in SI units. If the computation fails, its state is `failed`.
 
     Raises:
-        CampaignError: a source or an option cannot be used; its `problem` says what, where and what to do.
-        RefusedError: the service refuses it.
+        CampaignError: a source or an option cannot be used; the error's `problem` says why, and the remedy.
+        RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """
     with Follow(on_progress, cancel, executor) as follow:
@@ -100,9 +100,10 @@ def plan(
             request: dict[str, Any] = {"robot_id": door.described(planned)}
         else:
             set_id, own = door.measured(planned)
+            # Causes and left-out readings of the campaign's run apply, unless options replace them.
             chosen = {} if own is None else own.model_dump(mode="json", include={"causes", "leave_out"})
             request = {"measurement_set_id": set_id, **{name: each for name, each in chosen.items() if each}}
-        return door.done(PLAN, request | stated(PlanOptions, options, fields), {}, follow)
+        return door.done(PLAN, request | merge_options(PlanOptions, options, fields), {}, follow)
 
 
 describe_fields(plan, PlanOptions)

@@ -41,30 +41,30 @@ from jointstiff.solver.result import stated_assessment
 _LARGEST_RELATIVE: Final = 0.5
 """Relative uncertainty of a compliance above which the compliance is not used as a nominal value."""
 _TOO_LITTLE: Final = frozenset({"no_joint_identified", "no_residual_freedom", "few_postures"})
-"""Reasons that are no mistakes in the readings: more of them are the remedy."""
+"""Reasons against the campaign so far that more readings remove: they do not prevent a plan."""
 _LINKS: Final = frozenset({"deflection_unexplained"})
-"""Reasons that bending links explain, which the plan takes for a nuisance."""
+"""Reasons that elastic links explain: the plan allows for elastic links, so they do not prevent it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """Hold the robot, the loads and the campaign of a plan."""
+    """The robot of a plan, and the campaign that it continues, if any."""
 
     robot: Robot  # the robot
     robot_id: str  # id of the stored robot
-    content: str  # hash of robot, and of the readings so far
-    prepared: PreparedSet | None = None  # the campaign to go on with; None to begin one
+    content: str  # hash of the robot and of the readings so far
+    prepared: PreparedSet | None = None  # the campaign to continue; None to begin a campaign
 
 
-def planning(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
-    """Return the work of a plan.
+def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
+    """Fetch the robot or the campaign of a request, and return the work that computes the plan.
 
     Raises:
-        RequestError: there is no such robot or set.
+        RequestError: the robot or the set does not exist, or options need a campaign that is not given.
     """
     if request.causes and (request.measurement_set_id is None or isinstance(request.load, OwnWeight)):
         raise RequestError(
-            "causes are fitted to the loaded readings of a campaign",
+            "`causes` need a measured campaign under loads, and this plan continues none",
             where="causes",
             remedy="omit `causes`, or go on with a measured campaign under loads",
         )
@@ -80,6 +80,7 @@ def planning(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
     else:
         prepared = inputs.measured(request.measurement_set_id, "measurement_set_id", request.leave_out)
         if request.load is None and not prepared.measurements.force.any():
+            # The campaign so far has no loads: its only load is the robot's own weight.
             request = request.model_copy(update={"load": OwnWeight()})
         by_weight = isinstance(request.load, OwnWeight)
         if not by_weight:
@@ -89,18 +90,18 @@ def planning(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
         planned = Planned(prepared.robot, prepared.robot_id, prepared.content, prepared)
     options = request.model_dump_json(exclude={"robot_id", "measurement_set_id"})
     return QuickWork(
-        result=partial(_plan, planned, request),
+        result=partial(_compute_plan, planned, request),
         input_hash=hash_of(planned.content, options),
         robot_id=planned.robot_id,
     )
 
 
-def _plan(planned: Planned, request: plans.PlanRequest) -> PlanResult:
-    """Return the plan.
+def _compute_plan(planned: Planned, request: plans.PlanRequest) -> PlanResult:
+    """Identify the campaign so far, if there is one, then plan further readings, and return the plan.
 
     Raises:
-        RequestError: something of the robot or the campaign is missing, the campaign so far is not to be
-            used, or no such plan exists.
+        RequestError: the robot or the campaign lacks something, the campaign so far is not to be used, or no
+            plan satisfies the request.
     """
     robot, prepared = planned.robot, planned.prepared
     nominal, sigma, unexplained, assessment = np.full(robot.n, np.nan), None, None, None
@@ -137,29 +138,33 @@ def _plan(planned: Planned, request: plans.PlanRequest) -> PlanResult:
         )
         unexplained = None if prediction.compensation is None else 1.0 - prediction.compensation
     so_far = None if prepared is None else prepared.measurements
+    # Positions without load are readings, too, where the robot's own weight is the load.
     if so_far is not None and so_far.unloaded_only is not None:
         so_far = replace(so_far, present=so_far.present | so_far.unloaded_only)
     if isinstance(request.goal, DecisionGoal) or getattr(request.goal, "force", None) is not None:
         raise RequestError(
-            "a plan knows no deflections to decide about, and no other force than its load",
+            "the goal of a plan cannot be a decision, or an uncertainty under another force than its load",
             where="goal",
-            remedy="give a goal for the joints, or an uncertainty of the deflection under the load; or "
-            "measure live",
+            remedy="give a goal for the joints, or an uncertainty of the deflection under the plan's load; "
+            "or measure live",
         )
     wanted = to_design_request(
         request, robot, nominal=nominal, sigma=sigma, unexplained=unexplained, so_far=so_far
     )
     names, _ = named_targets(request, robot, so_far)
     found = to_plan_result(wanted, plan_campaign(robot, wanted), robot, names, assessment)
-    return found.model_copy(update={"assessment": judged("plan", _reasons(found), assessment)})
+    return found.model_copy(update={"assessment": judged("plan", _list_reasons(found), assessment)})
 
 
-def _reasons(result: PlanResult) -> list[Finding]:
-    """Return what speaks against a plan, in addition to the campaign so far."""
+def _list_reasons(result: PlanResult) -> list[Finding]:
+    """Return the reasons to use a plan with care: joints left out, and joints that stay uncertain."""
     reasons = []
     if result.left_out:
         message = f"no load of this plan twists {', '.join(result.left_out)}"
-        remedy = "state loads that twist them, as forces in any direction do, or name the joints you need"
+        remedy = (
+            "choose loads that twist these joints, such as forces in any direction, or name the joints you "
+            "need in `joints`"
+        )
         reasons.append(own_reason("joint_left_out", "use_with_care", message, remedy))
     poor = [each.name for each in result.joints if (each.relative or 0.0) > _POOR]
     if poor:
@@ -174,11 +179,11 @@ _POOR: Final = 0.5
 
 
 _LACK_OF_FIT: Final = 0.1
-"""Share of the mean deflection that joints leave unexplained, above which elastic links are a nuisance."""
+"""Share of the mean deflection that joints leave unexplained, above which a plan allows for elastic links."""
 _LINK_SHARE: Final = 0.3
-"""Deflection by links relative to that by joints, where no campaign says."""
+"""Deflection by links relative to deflection by joints, if no campaign determines this ratio."""
 _SIGMA: Final = 2e-5
-"""Noise of a laser tracker [m], where none is stated."""
+"""Standard deviation of a laser tracker's readings [m], if none is stated."""
 
 
 def to_design_request(
@@ -190,18 +195,18 @@ def to_design_request(
     unexplained: float | None,
     so_far: Measurements | None,
 ) -> PlanRequest:
-    """Return what to plan.
+    """Convert a posted request to the arrays in SI units that the solver plans with.
 
     Args:
         request: as it was posted.
         robot: n joints.
-        nominal: (n,) compliance by the campaign so far [rad/(N·m)]; nan where it is not known.
-        sigma: of the campaign's readings [m]; None where it is not known.
-        unexplained: share of the campaign's mean deflection that joints leave unexplained; None without one.
-        so_far: its readings.
+        nominal: (n,) compliance by the campaign so far [rad/(N·m)]; NaN where it is unknown.
+        sigma: standard deviation of the campaign's readings [m]; None if it is unknown.
+        unexplained: share of the campaign's mean deflection that joints leave unexplained; None if unknown.
+        so_far: readings of the campaign; None without campaign.
 
     Raises:
-        RequestError: a joint that the robot does not have, or no load, target or load point.
+        RequestError: the robot does not have a named joint; or load, targets or a stiffness are missing.
     """
     nominal = nominal.copy()
     for name, stiffness in request.stiffness.items():
@@ -209,7 +214,9 @@ def to_design_request(
     prior = np.full(robot.n, np.inf)
     for name, known in request.priors.items():
         j = robot.joint_index(name, f"priors.{name}")
-        prior[j] = known.standard_uncertainty / known.stiffness**2
+        prior[j] = (
+            known.standard_uncertainty / known.stiffness**2
+        )  # of the compliance c = 1/k: u(c) = u(k)/k²
         nominal[j] = 1.0 / known.stiffness
     names, targets = named_targets(request, robot, so_far)
     load = request.load if isinstance(request.load, OwnWeight) else None
@@ -221,24 +228,25 @@ def to_design_request(
         )
     if load and (load.balancers or load.estimate_gravity):
         raise RequestError(
-            "a plan for own weight knows no balancers and no gravity that is estimated",
+            "a plan for own weight supports neither balancers nor an estimate of gravity",
             where="load",
             remedy="state `gravity`; choose postures by hand for a robot with balancers",
         )
     if load and (request.work_area or request.tracker or request.directions):
         raise RequestError(
-            "a plan for own weight knows no work area, no tracker's station and no directions of gauges",
+            "a plan for own weight supports neither a work area nor a tracker's station nor directions of "
+            "gauges",
             where="load",
-            remedy="leave `work_area`, `tracker` and `directions` out; `sigma` states the readings",
+            remedy="omit `work_area`, `tracker` and `directions`; give the noise of the readings as `sigma`",
         )
     wanted = [robot.joint_index(name, "joints") for name in request.joints]
-    area, directions = request.work_area, _directions(request)
+    area, directions = request.work_area, _gauge_directions(request)
     lack_of_fit = unexplained is not None and _LACK_OF_FIT < unexplained < 1.0
     return PlanRequest(
         equipment=Equipment(
             targets=targets,
-            load_point=_load_point(request, so_far),
-            loads=_loads(request, robot, so_far),
+            load_point=_choose_load_point(request, so_far),
+            loads=_choose_loads(request, robot, so_far),
             sigma=request.sigma or sigma or _SIGMA,
             instrument=None if request.tracker is None else to_instrument(request.tracker, 1.0),
         ),
@@ -247,12 +255,13 @@ def to_design_request(
         prior=prior,
         cell=_cell(request.surroundings, names),
         criterion=request.criterion or ("relative_a" if area is None else "work_area"),
-        postures=_postures(request, robot),
+        postures=_candidate_postures(request, robot),
         candidates=request.candidates,
         joints=np.array(wanted, dtype=np.intp) if wanted else None,
         work_area=None if area is None else np.array(area),
         directions=directions,
         links=lack_of_fit if request.elastic_links is None else request.elastic_links,
+        # Of the deflection, joints explain 1 − unexplained, and the links are taken for the rest.
         link_share=unexplained / (1.0 - unexplained) if unexplained and lack_of_fit else _LINK_SHARE,
         angle=request.distinct_angle,
         validation=request.validation,
@@ -278,10 +287,13 @@ def to_plan_result(
     names: Sequence[str],
     assessment: Assessment | None,
 ) -> plans.PlanResult:
-    """Return a plan as a message, with the names of its targets and the assessment of the campaign so far."""
+    """Convert the solver's plan to a message.
+
+    `names` are those of the targets, and `assessment` is of the campaign so far.
+    """
     parameters = plan.pool.parameters
     chosen = parameters.joints
-    c, known = parameters.nominal[chosen], parameters.known[chosen]
+    c, known = parameters.nominal[chosen], parameters.known[chosen]  # compliance; whether it is known
     digits = len(str(len(plan.joints)))
     return plans.PlanResult(
         efficiency=plan.efficiency,
@@ -330,7 +342,10 @@ def to_plan_result(
 def named_targets(
     request: plans.PlanRequest, robot: Robot, so_far: Measurements | None
 ) -> tuple[tuple[str, ...], FloatArray]:
-    """Return names and places (T, 3) of the targets, flange frame [m]."""
+    """Return the names (T) and positions (T, 3) of the targets in the flange frame [m].
+
+    They are those of the request, or else of the campaign so far.
+    """
     if request.targets:
         return tuple(request.targets), np.array(list(request.targets.values()))
     if so_far is None:
@@ -339,21 +354,22 @@ def named_targets(
             where="targets",
             remedy="give `targets`: name and position of at least one target, in the flange frame, in m",
         )
-    places = targets_in_flange(robot, so_far)
+    positions = targets_in_flange(robot, so_far)
     if so_far.direction is None:
-        return so_far.targets, places
+        return so_far.targets, positions
     if not request.directions:
         raise RequestError(
-            "readings of the campaign are along directions, and the plan states none",
+            "the campaign was read by gauges along directions, but the plan has no directions",
             where="directions",
             remedy="give the directions that a gauge can take, or the targets of a tracker",
         )
-    # Each direction of a gauge has a name of its own; the plan names places.
-    first = np.sort(np.unique(np.round(places, 6), axis=0, return_index=True)[1])
-    return tuple(so_far.targets[t] for t in first), places[first]
+    # Each direction of a gauge is a target of its own: the plan keeps one target at each position.
+    first = np.sort(np.unique(np.round(positions, 6), axis=0, return_index=True)[1])
+    return tuple(so_far.targets[t] for t in first), positions[first]
 
 
-def _load_point(request: plans.PlanRequest, so_far: Measurements | None) -> FloatArray:
+def _choose_load_point(request: plans.PlanRequest, so_far: Measurements | None) -> FloatArray:
+    """Return the load point (3,) in the flange frame [m]: the request's, or of the greatest force so far."""
     if request.load_point is not None:
         refuse_far_point(request.load_point, "load_point")
         return np.array(request.load_point)
@@ -363,8 +379,11 @@ def _load_point(request: plans.PlanRequest, so_far: Measurements | None) -> Floa
     return point
 
 
-def _loads(request: plans.PlanRequest, robot: Robot, so_far: Measurements | None) -> Loads:
-    """Return the loads; those of the campaign are a weight if all pull down, else of any direction."""
+def _choose_loads(request: plans.PlanRequest, robot: Robot, so_far: Measurements | None) -> Loads:
+    """Return the loads of the request, or else loads like those of the campaign.
+
+    The campaign's loads count as a dead weight if all of them pull down, else as forces in any direction.
+    """
     limits = np.full(robot.n, np.inf)
     for name, limit in request.torque_limits.items():
         limits[robot.joint_index(name, f"torque_limits.{name}")] = limit
@@ -387,8 +406,8 @@ def _loads(request: plans.PlanRequest, robot: Robot, so_far: Measurements | None
     return Loads("dead_weight" if down.all() else "any_direction", size, limits)
 
 
-def _directions(request: plans.PlanRequest) -> FloatArray | None:
-    """Return the unit vectors (D, 3) along which readings may be taken; None for all coordinates."""
+def _gauge_directions(request: plans.PlanRequest) -> FloatArray | None:
+    """Return the unit vectors (D, 3) along which gauges can read; None if all three coordinates are read."""
     if not request.directions:
         return None
     vectors = np.array(request.directions)
@@ -403,19 +422,20 @@ def _directions(request: plans.PlanRequest) -> FloatArray | None:
 
 
 def _cell(around: plans.Surroundings, names: tuple[str, ...]) -> plans.Surroundings:
-    """Return the surroundings, the directions of reflectors in the order of the targets."""
+    """Return the surroundings, with the directions of reflectors sorted in the order of the targets."""
     if not around.facing:
         return around
     if set(around.facing) != set(names) or not all(any(axis) for axis in around.facing.values()):
         raise RequestError(
-            f"facing directions of {', '.join(around.facing)} for the targets {', '.join(names)}",
+            f"`facing` has directions for {', '.join(around.facing)}, but the targets are {', '.join(names)}",
             where="surroundings.facing",
             remedy="give a nonzero direction for each target, or omit all",
         )
     return around.model_copy(update={"facing": {name: around.facing[name] for name in names}})
 
 
-def _postures(request: plans.PlanRequest, robot: Robot) -> FloatArray | None:
+def _candidate_postures(request: plans.PlanRequest, robot: Robot) -> FloatArray | None:
+    """Return the postures (P, n) of the request among which the plan chooses; None if it states none."""
     if not request.postures:
         return None
     for i, posture in enumerate(request.postures):

@@ -1,4 +1,4 @@
-"""Robot programs, corrected: the declaration, and what people read of one."""
+"""Compensated robot programs: the declaration of the kind, and the report of a program."""
 
 from __future__ import annotations
 
@@ -41,12 +41,14 @@ _EXAMPLES: Final[dict[str, Any]] = {
 
 
 def _compute(inputs: Inputs, request: ProgramRequest) -> Work:
-    from jointstiff.service.kinds.program.work import work
+    """Return the work of a program, which is computed later; numerical modules are imported here."""
+    from jointstiff.service.kinds.program.work import prepare_compensation
 
-    return work(inputs, request)
+    return prepare_compensation(inputs, request)
 
 
-def _points(job: Program) -> Sheet:
+def _points_sheet(job: Program) -> Sheet:
+    """Return the table of all points from the result of a program."""
     from jointstiff.service.kinds.program.work import points_sheet, unpacked
 
     if job.result is None:
@@ -55,7 +57,7 @@ def _points(job: Program) -> Sheet:
 
 
 _CONTENT: Final = re.compile(r'"content":"[A-Za-z0-9+/=]*"')
-"""Content of a file: in a text of JSON, quotes would have a backslash before them."""
+"""Content of a file in a job's JSON. Text of users cannot match: there, quotes have a backslash."""
 
 
 _SHOWN = 8
@@ -67,17 +69,18 @@ _REASONS = {
 
 
 def _report(_job: Program, result: ProgramResult, _view: View) -> Report:
-    """Return counts, spreads, the worst points, and what was left alone."""
+    """Return counts of corrected targets, quantiles of the distances, the worst points, and remarks."""
     left = ", ".join(f"{count} {_REASONS[reason]}" for reason, count in result.left_alone.items())
     capped = f"; {result.capped} held back by the limits" if result.capped else ""
     alone = f"; left alone: {left}" if left else ""
     moves = f"; {result.moves_left} of {result.moves} moves left as they are" if result.moves_left else ""
     counts = Line(f"{result.corrected} of {result.points} targets corrected{capped}{alone}{moves}")
-    worst: list[Part] = [_worst(result)] if result.worst else []
-    return Report([counts, _spreads(result), *worst, *map(Line, result.remarks)])
+    worst: list[Part] = [_worst_table(result)] if result.worst else []
+    return Report([counts, _distances_table(result), *worst, *map(Line, result.remarks)])
 
 
-def _spreads(result: ProgramResult) -> Table:
+def _distances_table(result: ProgramResult) -> Table:
+    """Return quantiles of the distance of the loaded tool from its target, without and with correction."""
     rows = {
         "without correction": result.deflection,
         "as written, predicted": result.residual,
@@ -96,7 +99,8 @@ def _spreads(result: ProgramResult) -> Table:
     )
 
 
-def _worst(result: ProgramResult) -> Table:
+def _worst_table(result: ProgramResult) -> Table:
+    """Return a table of the points with the greatest deflections."""
     points, interval = result.worst[:_SHOWN], ends(".3f", 1e3, " … ")
     return Table(
         [
@@ -118,7 +122,7 @@ def _worst(result: ProgramResult) -> Table:
 
 
 def charts(result: ProgramResult) -> list[Chart]:
-    """Return the worst points without and with the correction."""
+    """Return a chart of the worst points: distance from the target without and with the correction."""
     points = result.worst
     series = {
         "without correction": [point.deflection for point in points],
@@ -148,13 +152,13 @@ PROGRAM: Final = Kind[Program, ProgramRequest](
             name="points.csv",
             description="all points as a table: deflection, correction, interval, residual, and reason "
             "if not corrected.",
-            sheet=_points,
+            sheet=_points_sheet,
             made_of="result",
         ),
         File(
             name="points.json",
             description="the table as JSON, column by column, with units.",
-            sheet=_points,
+            sheet=_points_sheet,
             made_of="result",
         ),
     ),

@@ -1,4 +1,4 @@
-"""The path of a program: frames, loads and configurations of its targets, and the postures that they want."""
+"""The path of a robot program: frames, loads and arm configurations of its targets, and wanted postures."""
 
 from __future__ import annotations
 
@@ -35,17 +35,17 @@ _LEAST_SINE: Final = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class _Frames:
-    """Frames, each once, and which of them each target has."""
+    """Frames without repetition, and the index of each target's frame."""
 
     poses: FloatArray  # (k, 4, 4) [m]
-    of_target: IndexArray  # (t,) places among them
+    of_target: IndexArray  # (t,) row of `poses` for each target
 
-    def of(self, targets: IndexArray) -> FloatArray:
-        """Return the frames (m, 4, 4) of targets [m]."""
+    def select(self, targets: IndexArray) -> FloatArray:
+        """Return the frames (m, 4, 4) [m] of m targets, given by index."""
         return np.asarray(self.poses[self.of_target[targets]])
 
-    def inverse(self, targets: IndexArray) -> FloatArray:
-        """Return the inverses (m, 4, 4) of the frames of targets [m]."""
+    def select_inverse(self, targets: IndexArray) -> FloatArray:
+        """Return the inverses (m, 4, 4) [m] of the frames of m targets, given by index."""
         inverse = np.tile(np.eye(4), (len(self.poses), 1, 1))
         inverse[:, :3, :3] = self.poses[:, :3, :3].transpose(0, 2, 1)
         inverse[:, :3, 3] = -(inverse[:, :3, :3] @ self.poses[:, :3, 3:])[..., 0]
@@ -54,66 +54,71 @@ class _Frames:
 
 @dataclass(frozen=True, eq=False)
 class ProgramFrames:
-    """Frames of the targets of a program."""
+    """Tool frame and base frame of each target of a program."""
 
     tool: _Frames  # in the model's flange frame
     base: _Frames  # in R0
-    # (3,) direction that the tools' x axes follow, in the base; None if it is not stated
+    # (3,) direction, in the base, that the tools' x axes follow as near as they can; None if it is not stated
     x_axis: FloatArray | None
 
     @classmethod
-    def of(cls, program: Program, options: ProgramOptions) -> ProgramFrames:
-        """Find the numbers of all frames.
+    def from_program(cls, program: Program, options: ProgramOptions) -> ProgramFrames:
+        """Find the numbers of all frames that a program uses, in the program or in the options.
 
         Raises:
-            RequestError: a frame has none, has them twice, is not in the program, or is no frame.
+            RequestError: a frame has no numbers, has two sets of numbers, or is not in the program; or its
+                numbers are no pose.
         """
         notation, targets = frame_notation(program), program.targets
         world = _stated_pose(notation, options.world, "world")
         flange = _stated_pose(notation, options.flange, "flange")
+        # A target in joint angles needs its base only for a load along the axes of the base.
         unused = targets.by_joints & (options.axes != "base")
         bases = np.where(unused, -1, targets.base)
-        tool = _place_targets(flange, notation, options.tools, targets.frames, targets.tool, "tools")
-        base = _place_targets(world, notation, options.bases, targets.frames, bases, "bases")
+        tool = _find_target_frames(flange, notation, options.tools, targets.frames, targets.tool, "tools")
+        base = _find_target_frames(world, notation, options.bases, targets.frames, bases, "bases")
         return cls(tool, base, None if options.tool_x is None else np.array(options.tool_x))
 
     def flange_poses(
         self, program: Program, indices: IndexArray, values: FloatArray | None = None
     ) -> FloatArray:
-        """Return poses (m, 4, 4) of the flange in R0 [m]; NaN for joint targets.
+        """Return poses (m, 4, 4) of the flange in R0 [m] for m targets; NaN for targets in joint angles.
 
         Args:
             program: the program.
-            indices: m of its targets.
-            values: (m, 7) their numbers; those of the program if None.
+            indices: (m,) indices of targets.
+            values: (m, 7) numbers of the targets, as the program writes them; None for the program's own.
 
         Raises:
-            RequestError: a target states no orientation about the tool's axis, and the request does not.
+            RequestError: neither the targets nor the request have an angle about the tool's axis.
         """
         wanted = np.empty((len(indices), 4, 4))
         for start in range(0, len(indices), BLOCK):
             block = slice(start, start + BLOCK)
-            own, poses = indices[block], np.full_like(wanted[block], np.nan)
-            stated = program.targets.values[own] if values is None else values[block]
-            for notation, rows in program.targets.by_notation(own):
+            targets, poses = indices[block], np.full_like(wanted[block], np.nan)
+            stated = program.targets.values[targets] if values is None else values[block]
+            for notation, rows in program.targets.by_notation(targets):
                 numbers = stated[rows, : 3 + notation.count]
                 if notation.has_pose:
                     poses[rows] = notation.poses(numbers)
                 elif not notation.is_joints:
-                    poses[rows] = self._about_axis(notation, numbers)
-            wanted[block] = self.base.of(own) @ poses @ self.tool.inverse(own)
+                    poses[rows] = self._poses_from_axis(notation, numbers)
+            wanted[block] = self.base.select(targets) @ poses @ self.tool.select_inverse(targets)
         return wanted
 
-    def places(self, program: Program, indices: IndexArray) -> FloatArray:
-        """Return where targets are (m, 3), in R0 [m]; numbers without meaning for joint targets."""
+    def positions(self, program: Program, indices: IndexArray) -> FloatArray:
+        """Return positions (m, 3) of m targets in R0 [m]; without meaning for targets in joint angles."""
         length = np.array([each.length for each in program.targets.notations])
-        place = length[program.targets.notation[indices], None] * program.targets.values[indices, :3]
-        base = self.base.of(indices)
-        return np.asarray((base[:, :3, :3] @ place[..., None])[..., 0] + base[:, :3, 3])
+        position = length[program.targets.notation[indices], None] * program.targets.values[indices, :3]
+        base = self.base.select(indices)
+        return np.asarray((base[:, :3, :3] @ position[..., None])[..., 0] + base[:, :3, 3])
 
-    def numbers(self, program: Program, indices: IndexArray, flange: FloatArray) -> FloatArray:
-        """Return the program's numbers (m, 7) of poses (m, 4, 4) of the flange in R0 [m]; NaN behind them."""
-        poses = self.base.inverse(indices) @ flange @ self.tool.of(indices)
+    def numbers_of_poses(self, program: Program, indices: IndexArray, flange: FloatArray) -> FloatArray:
+        """Convert poses (m, 4, 4) of the flange in R0 [m] to numbers (m, 7) as the program writes them.
+
+        NaN fills columns that a target's notation does not have, and the rows of targets in joint angles.
+        """
+        poses = self.base.select_inverse(indices) @ flange @ self.tool.select(indices)
         numbers = np.full((len(indices), NUMBERS), np.nan)
         for notation, rows in program.targets.by_notation(indices):
             near = program.targets.values[indices[rows], : 3 + notation.count]
@@ -124,13 +129,17 @@ class ProgramFrames:
             else:
                 new = near.copy()
                 new[:, :3] = poses[rows, :3, 3] / notation.length
+                # The program's axis vector points from tip to spindle and keeps its length.
                 size = np.linalg.norm(near[:, 3:], axis=1, keepdims=True)
                 new[:, 3:] = -size * poses[rows, :3, 2][:, : notation.count]
             numbers[rows, : new.shape[1]] = new
         return numbers
 
-    def _about_axis(self, notation: Notation, numbers: FloatArray) -> FloatArray:
-        """Return poses whose z axis points from spindle to tip, and whose x axis is nearest to `x_axis`."""
+    def _poses_from_axis(self, notation: Notation, numbers: FloatArray) -> FloatArray:
+        """Return poses (m, 4, 4) of the tool from position and tool axis (m, 3 or 6), in the base [m].
+
+        The z axis points from spindle to tip, and the x axis is as near to `x_axis` as it can be.
+        """
         if self.x_axis is None:
             raise RequestError(
                 "the program gives the tool's axis, but no angle about it",
@@ -154,7 +163,7 @@ class ProgramFrames:
         return poses
 
 
-def _place_targets(
+def _find_target_frames(
     outer: FloatArray,
     notation: Notation,
     stated: Sequence[ProgramFrame],
@@ -162,58 +171,60 @@ def _place_targets(
     chosen: IndexArray,
     where: str,
 ) -> _Frames:
-    """Return the frames of targets in R0 or the flange frame.
+    """Return the tool or base frames of all targets, with numbers of the program or of the request.
 
     Args:
-        outer: (4, 4) in which they are; itself for −1.
+        outer: (4, 4) pose in which the frames are given: world in R0, or the flange's [m].
         notation: of the numbers of frames.
-        stated: by the request.
-        frames: that the program names.
-        chosen: (t,) place of each target's frame among them.
-        where: field of the request.
+        stated: frames with numbers in the request.
+        frames: frames that the program names.
+        chosen: (t,) index of each target's frame in `frames`; −1 for `outer` itself.
+        where: field of the request, `tools` or `bases`, for errors.
     """
     given: dict[str | None, FloatArray] = {
-        _key(frame.name): _stated_pose(notation, frame.values, f"{where}[{i}].values")
+        _fold_name(frame.name): _stated_pose(notation, frame.values, f"{where}[{i}].values")
         for i, frame in enumerate(stated)
     }
     if len(given) < len(stated):
         raise RequestError("a frame is given twice", where=where, remedy="give each frame once")
-    poses = np.tile(outer, (len(frames) + 1, 1, 1))
+    poses = np.tile(outer, (len(frames) + 1, 1, 1))  # the last one is `outer` itself, for index −1
     used: set[str | None] = set()
     for place in np.unique(chosen[chosen >= 0]).tolist():
         frame = frames[place]
         if frame.pose is None:
-            used.add(key := _key_of(frame, given, where))
+            used.add(key := _find_stated_frame(frame, given, where))
             poses[place] = outer @ given[key]
-        elif _key(frame.name) in given:
+        elif _fold_name(frame.name) in given:
             reason = f"the program already has the numbers of {shown(frame.name)}"
             raise RequestError(reason, where=where, remedy="omit this frame")
         else:
             poses[place] = outer @ frame.pose
-    for name in (frame.name for frame in stated if _key(frame.name) not in used):  # it may be misspelt
+    for name in (frame.name for frame in stated if _fold_name(frame.name) not in used):  # it may be misspelt
         all_known = "all frames of the program have numbers"
-        reason = all_known if name is None else f"the program uses no {shown(name)}"
+        reason = all_known if name is None else f"the program does not use {shown(name)}"
         raise RequestError(reason, where=where, remedy="omit this frame, or correct its name")
     return _Frames(poses, chosen)
 
 
-def _key_of(frame: FrameName, given: Mapping[str | None, FloatArray], where: str) -> str | None:
-    """Return the key of what the request gives for a frame: by its name, or for every frame."""
-    for key in (_key(frame.name), None):
+def _find_stated_frame(frame: FrameName, given: Mapping[str | None, FloatArray], where: str) -> str | None:
+    """Return the key in `given` of a frame's pose: the frame's name, or None for a pose of every frame."""
+    for key in (_fold_name(frame.name), None):
         if key in given:
             return key
     raise RequestError(
         f"the program names {shown(frame.name)}, but has no numbers for it",
         where=where,
-        remedy=f"give them: {{'name': {frame.name!r}, 'values': [...]}}",
+        remedy=f"give the numbers: {{'name': {frame.name!r}, 'values': [...]}}",
     )
 
 
-def _key(name: str | None) -> str | None:
+def _fold_name(name: str | None) -> str | None:
+    """Return the name of a frame in capitals, because most controllers ignore case."""
     return None if name is None else name.upper()
 
 
 def _stated_pose(notation: Notation, values: Sequence[float] | None, where: str) -> FloatArray:
+    """Return the pose (4, 4) [m] of a frame's numbers in the request; the identity for None."""
     if values is None:
         return np.eye(4)
     if len(values) != 3 + notation.count or not notation.states(np.array(values)):
@@ -226,33 +237,35 @@ def _stated_pose(notation: Notation, values: Sequence[float] | None, where: str)
 
 
 _MORE_LINES: Final = 1_000
-"""Lines of a table in addition to two for each point. Each costs a hundred bytes and more, blank ones too."""
+"""Lines that a table of loads may have in addition to two for each point: even a blank line takes memory."""
 _REMEDY: Final = "write `point`, then Fx [N], Fy [N], Fz [N], and, if there are moments, Mx [N.m] …"
 
 
 @dataclass(frozen=True, eq=False)
 class Loads:
-    """Loads (k, 6) [N, N·m] along the axes of the request, and which of them each move of a program has."""
+    """Loads [N, N·m] along the axes that the request chooses, and the index of the load at each visit."""
 
-    values: FloatArray  # (k, 6) force, then moment; the first one is no load
-    of_visit: IndexArray  # (v,) index of each visit's load
+    values: FloatArray  # (k, 6) force, then moment; the first row is zero, no load
+    of_visit: IndexArray  # (v,) row of `values` for each visit of a target by a move
 
 
-def loads_of(options: ProgramOptions, table: bytes | None, lines: IndexArray, points: IndexArray) -> Loads:
-    """Return the loads.
+def collect_loads(
+    options: ProgramOptions, table: bytes | None, lines: IndexArray, points: IndexArray
+) -> Loads:
+    """Return the load at each visit of a target, from the table of loads or else from the options.
 
     Args:
-        options: that state them.
-        table: CSV of points, if there is one.
-        lines: (v,) line of each visit's move.
-        points: (v,) number of each visit's point, from 1.
+        options: have one load for the whole program, or loads of segments of its lines.
+        table: content of the CSV file with a load for each point, or None.
+        lines: (v,) line of the move at each visit.
+        points: (v,) number of the point at each visit, from 1.
 
     Raises:
-        RequestError: segments overlap, or a moment has no unit.
+        RequestError: segments overlap, or the unit of a moment is missing.
         FilesError: the table is not understood.
     """
     if table is not None:
-        return _from_table(table, points)
+        return _read_load_table(table, points)
     stated: Sequence[ProcessLoad] = options.segments if options.load is None else [options.load]
     moments = np.array([load.moment for load in stated]).reshape(-1, 3)
     values = np.zeros((len(stated) + 1, 6))
@@ -260,10 +273,11 @@ def loads_of(options: ProgramOptions, table: bytes | None, lines: IndexArray, po
     values[1:, 3:] = moment_factor(options.units, moments) * moments
     if not stated:
         return Loads(values, np.zeros(len(lines), dtype=np.intp))
-    return Loads(values, _segment_of(stated, lines))
+    return Loads(values, _find_segments(stated, lines))
 
 
-def _segment_of(segments: Sequence[ProcessLoad], lines: IndexArray) -> IndexArray:
+def _find_segments(segments: Sequence[ProcessLoad], lines: IndexArray) -> IndexArray:
+    """Return the number (v,) of each line's segment, from 1; 0 for a line outside of all segments."""
     order = sorted(range(len(segments)), key=lambda i: segments[i].first_line or 0)
     first = np.array([segments[i].first_line or 0 for i in order])
     last = np.array([segments[i].last_line or MAX_LINE for i in order])
@@ -279,10 +293,12 @@ def _segment_of(segments: Sequence[ProcessLoad], lines: IndexArray) -> IndexArra
     return np.where(inside, np.array(order)[segment] + 1, 0)
 
 
-def _from_table(content: bytes, points: IndexArray) -> Loads:
+def _read_load_table(content: bytes, points: IndexArray) -> Loads:
+    """Read the CSV file of loads; a point without a row has no load. Raises a `FilesError` with the line."""
     most = int(points.max(initial=0))
     text = content.decode("utf-8-sig", errors="replace")
-    lines, once = 2 * most + _MORE_LINES, f"number them 1 to {most}"
+    lines, once = 2 * most + _MORE_LINES, f"number the points from 1 to {most}"
+    # A huge file is refused before it is split into cells, which would take much memory.
     if any(text.count(sign) > lines for sign in "\n\r") or any(
         text.count(sign) > 8 * lines for sign in ",;\t"
     ):
@@ -291,19 +307,25 @@ def _from_table(content: bytes, points: IndexArray) -> Loads:
         rows, _ = rows_of(text)
     except csv.Error:
         raise _table_fault(1, "this is not a table", _REMEDY) from None
-    columns = _columns(rows[0] if rows else [])
-    values, number = [np.zeros(6)], np.zeros(most + 1, dtype=np.intp)
+    columns = _load_columns(rows[0] if rows else [])
+    values, load_of_point = [np.zeros(6)], np.zeros(most + 1, dtype=np.intp)
     for line, row in enumerate(rows[1:], 2):
         if any(row):
-            point, load = _row(line, row, columns)
-            if not 1 <= point <= most or number[point]:
+            point, load = _parse_load_row(line, row, columns)
+            if not 1 <= point <= most or load_of_point[point]:
                 raise _table_fault(line, f"point {point} occurs twice, or is not in the program", once)
-            number[point] = len(values)
+            load_of_point[point] = len(values)
             values.append(load)
-    return Loads(np.array(values), number[points])
+    return Loads(np.array(values), load_of_point[points])
 
 
-def _row(line: int, row: Sequence[str], columns: Sequence[tuple[int, float]]) -> tuple[int, FloatArray]:
+def _parse_load_row(
+    line: int, row: Sequence[str], columns: Sequence[tuple[int, float]]
+) -> tuple[int, FloatArray]:
+    """Return the point's number and its load (6,) [N, N·m] from a row of the table.
+
+    `columns` has the place in the load, and the factor to SI units, of each cell after the first.
+    """
     load = np.zeros(6)
     try:
         point, numbers = int(row[0]), [float(cell) for cell in row[1:]]
@@ -316,8 +338,8 @@ def _row(line: int, row: Sequence[str], columns: Sequence[tuple[int, float]]) ->
     return point, load
 
 
-def _columns(header: Sequence[str]) -> list[tuple[int, float]]:
-    """Return the place of each column behind the first among force and moment, and its factor to SI units."""
+def _load_columns(header: Sequence[str]) -> list[tuple[int, float]]:
+    """Return the place of each column but the first in (Fx, …, Mz), and its factor to SI units."""
     columns = []
     for cell in header[1:]:
         try:
@@ -325,7 +347,7 @@ def _columns(header: Sequence[str]) -> list[tuple[int, float]]:
         except RequestError:
             column = None
         if column is None:
-            raise _table_fault(1, f"the header {cell[:40]!r} is not known", _REMEDY)
+            raise _table_fault(1, f"the header {cell[:40]!r} is not understood", _REMEDY)
         columns.append((3 * (column[0] == "moment") + column[1], column[2]))
     places = [place for place, _ in columns]
     if header[:1] != ["point"] or len(set(places)) < len(places) or not {0, 1, 2} <= set(places):
@@ -334,27 +356,28 @@ def _columns(header: Sequence[str]) -> list[tuple[int, float]]:
 
 
 def _table_fault(line: int, reason: str, remedy: str) -> FilesError:
+    """Return an error at a line of the table of loads, to be raised."""
     return FilesError(reason, remedy=remedy, where=f"loads:{line}")
 
 
 _NEAR: Final = 1e-4
-"""Angle from a boundary [rad] within which a program, which is rounded, may be on either side."""
+"""Distance of an angle from the limit of its range [rad] that may come of rounded numbers in the program."""
 _ROUNDING: Final = 1e-8
-"""Angle from a boundary [rad] that is rounding: no word is changed for it."""
+"""Distance of an angle beyond the limit of its range [rad] that is a rounding error of the computation."""
 _MOST: Final = 1e9
-"""Magnitude that no word has."""
+"""Magnitude beyond which a number cannot be a configuration word."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Word:
-    """A word on one joint: a number, or a bit of one, that means a range of angles."""
+    """The range of one joint's angles that a configuration number, such as KUKA's S or ABB's cf1, states."""
 
     joint: int  # index of the joint
-    kind: Literal["sign", "quadrant", "turn"]
-    bit: int | None = None  # bit of the number that is 1 below zero; None where the number is the word
+    kind: Literal["sign", "quadrant", "turn"]  # what is counted: signs, quarter turns, or whole turns
+    bit: int | None = None  # bit of the number that is 1 for angles below zero; None for the whole number
 
     def ranges(self, numbers: FloatArray) -> FloatArray:
-        """Return least and greatest angles (m, 2) [rad] that numbers (m,) mean; ∓inf for NaN."""
+        """Return least and greatest angles (m, 2) [rad] that numbers (m,) allow; ∓inf where they are NaN."""
         if self.bit is not None:
             whole = np.nan_to_num(numbers).astype(np.int64)
             low, high = (
@@ -368,8 +391,8 @@ class _Word:
         unknown = np.isnan(numbers)
         return np.stack([np.where(unknown, -np.inf, low), np.where(unknown, np.inf, high)], axis=1)
 
-    def rewritten(self, number: int, angle: float) -> int:
-        """Return a number whose word means an angle [rad]."""
+    def update_number(self, number: int, angle: float) -> int:
+        """Return the number changed so that it allows an angle [rad]; other joints' bits stay as they are."""
         if self.bit is not None:
             return number & ~(1 << self.bit) | int(angle < 0.0) << self.bit
         return int(
@@ -377,7 +400,7 @@ class _Word:
         )
 
 
-# Bit 2 of KUKA's S is 1 where A5 is below zero (beyond half a turn, which no wrist reaches, the reverse).
+# Bit 2 of KUKA's S is 1 where A5 is below zero (reversed beyond half a turn, which no wrist reaches).
 _WORDS: Final = {
     "T": tuple(_Word(joint, "sign", joint) for joint in range(6)),
     "S": (_Word(4, "sign", 2),),
@@ -389,21 +412,21 @@ _FREE_RAPID: Final = re.compile(r"\bConfJ\s*+\\\s*+Off\b", re.IGNORECASE)
 
 
 class StatedConfigurations:
-    """Read what the targets of a program say of the arm's configuration."""
+    """The arm configurations that the targets of a program state, as ranges of joint angles."""
 
     def __init__(self, program: Program) -> None:
         self._program = program
-        # whether the controller takes a joint move to the configuration that is stated
-        self.decides = program.format != "rapid" or not any(
+        # Whether the controller takes the arm to the stated configuration at the end of a joint move.
+        self.binds_joint_moves = program.format != "rapid" or not any(
             _FREE_RAPID.search(source.text) for source in program.sources
         )
 
     def ranges(self, indices: Sequence[int] | IndexArray) -> FloatArray:
-        """Return least and greatest controller's angles (m, 6, 2) [rad]; ∓inf where nothing is stated."""
+        """Return least and greatest controller's angles (m, 6, 2) [rad]; ∓inf where none is stated."""
         rows = np.asarray(indices, dtype=np.intp)
         ranges = np.tile([-np.inf, np.inf], (len(rows), 6, 1))
-        for word, column, members in self._words(rows):
-            low, high = word.ranges(self._numbers(rows[members], column)).T
+        for word, column, members in self._iterate_words(rows):
+            low, high = word.ranges(self._word_numbers(rows[members], column)).T
             stated = ranges[members, word.joint]
             ranges[members, word.joint] = np.stack(
                 [np.maximum(stated[:, 0], low), np.minimum(stated[:, 1], high)], 1
@@ -411,58 +434,64 @@ class StatedConfigurations:
         return ranges
 
     def edits(self, indices: IndexArray, wanted: FloatArray, commanded: FloatArray) -> list[tuple[int, Edit]]:
-        """Return the words to be rewritten, where an angle that agreed with its word no longer does.
+        """Return the edits of configuration words that a correction requires, as (target, edit).
+
+        A word is changed if it agreed with the joint's angle before the correction, and no longer does.
 
         Args:
-            indices: m targets.
-            wanted: (m, 6) controller's angles [rad] of the targets before.
-            commanded: (m, 6) after the correction.
+            indices: (m,) indices of targets.
+            wanted: (m, 6) controller's angles before the correction [rad].
+            commanded: (m, 6) controller's angles after the correction [rad].
         """
         changed: dict[tuple[int, int], int] = {}  # numbers by target and column
-        for word, column, members in self._words(indices):
-            numbers = self._numbers(indices[members], column)
+        for word, column, members in self._iterate_words(indices):
+            numbers = self._word_numbers(indices[members], column)
             low, high = word.ranges(numbers).T
             before, after = wanted[members, word.joint], commanded[members, word.joint]
             agreed = (low - _NEAR <= before) & (before <= high + _NEAR)
-            left = (after < low - _ROUNDING) | (after > high + _ROUNDING)
-            for i in np.flatnonzero(agreed & left & np.isfinite(numbers)):
+            disagrees = (after < low - _ROUNDING) | (after > high + _ROUNDING)
+            for i in np.flatnonzero(agreed & disagrees & np.isfinite(numbers)):
                 place = int(indices[members[i]]), column
-                changed[place] = word.rewritten(changed.get(place, int(numbers[i])), float(after[i]))
+                changed[place] = word.update_number(changed.get(place, int(numbers[i])), float(after[i]))
         return [
             (index, self._edit_number(index, column, number)) for (index, column), number in changed.items()
         ]
 
     def _edit_number(self, index: int, column: int, number: int) -> Edit:
+        """Return the edit that writes a number for a target's word: start, end and text in the source."""
         targets = self._program.targets
         start, end = targets.spans[index, column].tolist()
         binary = self._program.sources[targets.source[index]].text[start] == "'"  # KUKA's 'B010'
         return start, end, f"'B{number:0{end - start - 3}b}'" if binary else str(number)
 
-    def _words(self, indices: IndexArray) -> Iterator[tuple[_Word, int, IndexArray]]:
-        """Yield words, the columns of their numbers, and the places (k,) of the targets that have them."""
+    def _iterate_words(self, indices: IndexArray) -> Iterator[tuple[_Word, int, IndexArray]]:
+        """Yield each word, its column of numbers, and the places (k,) of its targets in `indices`."""
         targets = self._program.targets
         words = [tuple(name for name, _ in literal.words) for literal in targets.literals]
         different = list(dict.fromkeys(words))
         of_literal = np.array([different.index(names) for names in words], dtype=np.intp)
         of_target = of_literal[targets.literal[indices]]
-        for which, names in enumerate(different):
-            members = np.flatnonzero(of_target == which)
+        for i, names in enumerate(different):
+            members = np.flatnonzero(of_target == i)
             for column, name in enumerate(names, NUMBERS):
                 for word in _WORDS[name]:
                     yield word, column, members
 
-    def _numbers(self, indices: IndexArray, column: int) -> FloatArray:
-        """Return the numbers (m,) of words; NaN for one that is no usual whole number."""
+    def _word_numbers(self, indices: IndexArray, column: int) -> FloatArray:
+        """Return a word's numbers (m,) at m targets; NaN for a fraction, or a number too great for a word."""
         numbers = self._program.targets.values[indices, column]
         return np.where((numbers == np.round(numbers)) & (np.abs(numbers) < _MOST), numbers, np.nan)
 
 
 _SAME: Final = 1e-6
-"""Difference of two postures [rad] that is rounding."""
+"""Greatest difference of two postures that count as the same [rad]."""
 _REASONS: Final = {
-    Unreached.OUT_OF_REACH: ("the robot does not reach it", "check tool, base, `world` and `flange`"),
+    Unreached.OUT_OF_REACH: (
+        "the robot does not reach this target",
+        "check tool, base, `world` and `flange`",
+    ),
     Unreached.OUT_OF_LIMITS: (
-        "its posture is outside of the joints' limits",
+        "the posture at this target is outside of the joints' limits",
         "check tool, base, `start`, and the limits of the robot's model",
     ),
     Unreached.NOT_AS_STATED: (
@@ -482,38 +511,38 @@ _REASONS: Final = {
 
 @dataclass(frozen=True, eq=False)
 class ProgramPath:
-    """The m targets that moves use, in the order of the path."""
+    """The m targets that moves visit, in order of their first visits."""
 
     program: Program  # the program
-    frames: ProgramFrames  # frames of its targets
-    stated: StatedConfigurations  # what it says of the arm's configuration
+    frames: ProgramFrames  # tool and base frames of the targets
+    stated: StatedConfigurations  # arm configurations that the targets state
     targets: IndexArray  # (m,) indices of the program's targets
-    cases: LoadCases  # the wanted, loaded postures; the place is the tool's centre
+    cases: LoadCases  # wanted postures and their loads; `place` is the tool's centre point
 
     def fault(self, point: int, reason: str, remedy: str) -> Fault:
-        """Return a fault at a point of the path."""
-        return _fault(self.program, int(self.targets[point]), reason, remedy)
+        """Return a fault of the program at a point of the path, to be raised in a `ProgramError`."""
+        return _make_fault(self.program, int(self.targets[point]), reason, remedy)
 
 
 @dataclass(frozen=True, eq=False)
 class Visits:
-    """The v targets of all moves, one after the other, and their loads."""
+    """The visits of targets by moves, v in all, in the order of the program, and their loads."""
 
-    targets: IndexArray  # (v,) indices of the program's targets
-    order: IndexArray  # (m,) targets that are visited, in the order of their first visits
-    number: IndexArray  # (v,) place of each visit's target among them
-    first: IndexArray  # (m,) first visit of each of them
+    targets: IndexArray  # (v,) index of the target at each visit
+    order: IndexArray  # (m,) indices of the visited targets, each once, in order of their first visits
+    number: IndexArray  # (v,) place of each visit's target in `order`
+    first: IndexArray  # (m,) first visit of each target in `order`
     loads: Loads  # loads of the visits
-    # (k,) places of the targets under load among those that are visited: all of them if own weight counts
+    # (k,) places in `order` of the targets under load; all of them if the robot's own weight is a load, too
     loaded: IndexArray
 
     @classmethod
-    def of(cls, program: Program, options: ProgramOptions, table: bytes | None) -> Visits:
-        """Collect the visits of a program.
+    def collect(cls, program: Program, options: ProgramOptions, table: bytes | None) -> Visits:
+        """Collect the visits of a program's targets, with loads of the options or of a CSV table.
 
         Raises:
             RequestError: no move is under load, or a load does not fit the program.
-            ProgramError: there is no move, or a target has two loads.
+            ProgramError: the program has no move, or a target has two loads.
         """
         visits = program.moves.visits
         if not len(visits):
@@ -522,55 +551,59 @@ class Visits:
             )
             raise ProgramError([fault])
         unique, begin, place = np.unique(visits, return_index=True, return_inverse=True)
+        # Renumber the targets from the order of their indices to the order of their first visits.
         by_visit = np.argsort(begin)
         rank = np.empty_like(by_visit)
         rank[by_visit] = np.arange(len(by_visit))
         first, number = begin[by_visit], rank[place]
-        loads = loads_of(options, table, program.moves.line[program.moves.of_visit], number + 1)
+        loads = collect_loads(options, table, program.moves.line[program.moves.of_visit], number + 1)
         if not (loads.of_visit.any() or options.absolute):
             raise RequestError(
                 "no move is under load",
                 where="segments" if options.load is None else "load",
-                remedy="give lines or points of moves for the loads",
+                remedy="give lines with moves, or points of moves, for the loads",
             )
         load = loads.of_visit[first]
         reason = "a target is used under two loads"
-        _refuse(
+        _refuse_targets(
             program, visits[loads.of_visit != load[number]], reason, "use a separate target for each load"
         )
         loaded = np.flatnonzero((load > 0) | options.absolute)
         return cls(visits, unique[by_visit], number, first, loads, loaded)
 
 
-def program_path(
+def find_path(
     program: Program, options: ProgramOptions, robot: Robot, inverse: InverseKinematics, visits: Visits
 ) -> ProgramPath:
-    """Return the path of a program.
+    """Find the wanted posture and the load of each visited target, and return the path.
 
     Raises:
-        RequestError: something is not stated, or does not fit the program.
-        ProgramError: targets are not reached, or their configurations are not known.
+        RequestError: the request lacks something, or does not fit the program.
+        ProgramError: the robot does not reach targets, or their arm configurations are ambiguous.
     """
-    frames, stated = ProgramFrames.of(program, options), StatedConfigurations(program)
-    joints = _wanted_postures(program, options, frames, stated, robot, inverse, visits.targets)
+    frames, stated = ProgramFrames.from_program(program, options), StatedConfigurations(program)
+    joints = _find_wanted_postures(program, options, frames, stated, robot, inverse, visits.targets)
+    # All visits of a target must have the posture of its first visit, whole turns aside.
     apart = joints - joints[visits.first][visits.number]
     apart = np.abs(apart - 2 * np.pi * np.round(apart / (2 * np.pi))).max(axis=1)
     reason = "a target is reached in two configurations of the arm"
     remedy = "use a separate target for each configuration"
-    _refuse(program, visits.targets[apart > _SAME], reason, remedy)
+    _refuse_targets(program, visits.targets[apart > _SAME], reason, remedy)
     load = visits.loads.of_visit[visits.first]
     with as_request_errors("program"):
         wanted = joints[visits.first]
-        cases = _load_cases(options, frames, robot, visits.order, wanted, visits.loads.values[load])
+        cases = _make_load_cases(options, frames, robot, visits.order, wanted, visits.loads.values[load])
     return ProgramPath(program, frames, stated, visits.order, cases)
 
 
-def _refuse(program: Program, targets: IndexArray, reason: str, remedy: str) -> None:
+def _refuse_targets(program: Program, targets: IndexArray, reason: str, remedy: str) -> None:
+    """Raise a `ProgramError` with a fault for each of the targets, given by index, if there are any."""
     if len(targets):
-        raise ProgramError([_fault(program, int(i), reason, remedy) for i in np.unique(targets)])
+        raise ProgramError([_make_fault(program, int(i), reason, remedy) for i in np.unique(targets)])
 
 
-def _fault(program: Program, target: int, reason: str, remedy: str) -> Fault:
+def _make_fault(program: Program, target: int, reason: str, remedy: str) -> Fault:
+    """Return a fault at a target, given by index, with its file, line and name."""
     targets = program.targets
     name = f"{shown(targets.names[target])}: " if targets.names[target] else ""
     return Fault(
@@ -578,7 +611,7 @@ def _fault(program: Program, target: int, reason: str, remedy: str) -> Fault:
     )
 
 
-def _wanted_postures(
+def _find_wanted_postures(
     program: Program,
     options: ProgramOptions,
     frames: ProgramFrames,
@@ -587,20 +620,25 @@ def _wanted_postures(
     inverse: InverseKinematics,
     visits: IndexArray,
 ) -> FloatArray:
-    """Return the wanted posture (v, n) of each visit, as the controller shows it [rad or m]."""
+    """Return the wanted posture (v, n) at each visit, as the controller shows it [rad or m].
+
+    Raises:
+        ProgramError: a target is not reached, or its arm configuration is ambiguous.
+    """
     targets, unit = program.targets, program.targets.angle_unit[visits, None]
     by_joints = targets.by_joints[visits]
     given = np.where(by_joints[:, None], targets.values[visits, :6] * unit, np.nan)
     _refuse_new_letters(program, visits, by_joints)
     poses = frames.flange_poses(program, visits)
     ranges = stated.ranges(visits)
-    says = np.isfinite(ranges).any(axis=(1, 2))
-    start = start_of(options, robot)
-    by_joint = program.moves.by_joint & says & stated.decides
+    is_stated = np.isfinite(ranges).any(axis=(1, 2))
+    start = start_joints(options, robot)
+    # A linear move keeps the configuration of the target before it; a joint move takes the stated one.
+    by_joint = program.moves.by_joint & is_stated & stated.binds_joint_moves
     with as_request_errors("robot"):
         joints, unreached = choose_postures(inverse, poses, given, ranges, by_joint, start)
     faults = [
-        _fault(program, int(visits[row]), *_REASONS[Unreached(unreached[row])])
+        _make_fault(program, int(visits[row]), *_REASONS[Unreached(unreached[row])])
         for row in np.flatnonzero(unreached)
     ]
     if faults:
@@ -608,11 +646,13 @@ def _wanted_postures(
     return joints
 
 
-def start_of(options: ProgramOptions, robot: Robot) -> FloatArray | None:
-    """Return the joints (n,) near the first target, as the controller shows them [rad or m]; None for none.
+def start_joints(options: ProgramOptions, robot: Robot) -> FloatArray | None:
+    """Return the joints (n,) of `start`, near the first target, as the controller shows them [rad or m].
+
+    None if the request has no `start`.
 
     Raises:
-        RequestError: they are those of another robot.
+        RequestError: their number does not fit the robot.
     """
     if options.start is None:
         return None
@@ -621,7 +661,10 @@ def start_of(options: ProgramOptions, robot: Robot) -> FloatArray | None:
 
 
 def _refuse_new_letters(program: Program, visits: IndexArray, by_joints: BoolArray) -> None:
-    """Refuse a change of FANUC's N/F, U/D, T/B without a joint target between: no angles tell them."""
+    """Refuse a change of FANUC's letters (N/F, U/D, T/B) without a target in joint angles between.
+
+    The letters do not determine joint angles, so the posture after the change is unknown.
+    """
     literals, before, changed = program.targets.literals, "", []
     of_visit = program.targets.literal[visits].tolist() if any(each.letters for each in literals) else ()
     for target, literal, joints in zip(visits.tolist(), of_visit, by_joints.tolist(), strict=False):
@@ -631,10 +674,10 @@ def _refuse_new_letters(program: Program, visits: IndexArray, by_joints: BoolArr
         before = "" if joints else letters or before
     remedy = "insert a move to joint angles before it, or split the program there"
     reason = "the arm changes its configuration (N/F, U/D, T/B)"
-    _refuse(program, np.array(changed, dtype=np.intp), reason, remedy)
+    _refuse_targets(program, np.array(changed, dtype=np.intp), reason, remedy)
 
 
-def _load_cases(
+def _make_load_cases(
     options: ProgramOptions,
     frames: ProgramFrames,
     robot: Robot,
@@ -642,7 +685,17 @@ def _load_cases(
     joints: FloatArray,
     loads: FloatArray,
 ) -> LoadCases:
-    tool = frames.tool.of(targets)
+    """Return the load cases of m targets, loads in R0 and points in the flange frame.
+
+    Args:
+        options: have the axes of the loads, and the point where the loads act.
+        frames: of the program.
+        robot: n joints.
+        targets: (m,) indices of targets.
+        joints: (m, n) wanted postures, as the controller shows them [rad or m].
+        loads: (m, 6) force [N] and moment [N·m] along the axes of the options.
+    """
+    tool = frames.tool.select(targets)
     place = tool[:, :3, 3].copy()
     point = place
     if options.load_point is not None:
@@ -652,7 +705,7 @@ def _load_cases(
     force, moment = loads[:, :3].copy(), loads[:, 3:].copy()
     if options.axes != "robot":
         if options.axes == "base":
-            axes = frames.base.of(targets)[:, :3, :3]
+            axes = frames.base.select(targets)[:, :3, :3]
         else:
             flange = Postures(robot, robot.joint_map.model_angles(joints)).flange_rotation
             axes = flange @ tool[:, :3, :3]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from jointstiff.schemas.program import ProgramOptions
 from jointstiff.service.kinds.program.kind import PROGRAM
-from jointstiff.service.kinds.verb import Door, Follow, describe_fields, stated
+from jointstiff.service.kinds.verb import Door, Follow, describe_fields, merge_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -64,7 +64,7 @@ def compensate(
     """Compensate a program for the deflection under load.
 
     Args:
-        door: whose method this is: where the work is done.
+        door: `Here` or a `Client`, which has this function as a method and does the work.
         run: what `identify` returned, or a campaign, which is identified now.
         files: the program, a .src with its .dat; and the table of loads, if `loads` names one.
         options: a `ProgramOptions`; fields by name replace its own.
@@ -77,11 +77,11 @@ def compensate(
         fields: fields of `ProgramOptions`, and `force`, short for `load`.
 
     Returns:
-        The Program, with its result in SI units. A failure of the computation is one in state `failed`.
+        The Program, with its result in SI units. If the computation fails, its state is `failed`.
 
     Raises:
-        CampaignError: a source or an option cannot be used; its `problem` says what, where and what to do.
-        RefusedError: the service refuses it.
+        CampaignError: a source or an option cannot be used; the error's `problem` says why, and the remedy.
+        RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """
     with Follow(on_progress, cancel, executor) as follow:
@@ -96,7 +96,7 @@ def compensate(
             given["loads"] = Path(table).name
             paths.append(Path(table))
         contents = {path.name: path.read_bytes() for path in paths}
-        return door.done(PROGRAM, request | stated(ProgramOptions, options, given), contents, follow)
+        return door.done(PROGRAM, request | merge_options(ProgramOptions, options, given), contents, follow)
 
 
 describe_fields(compensate, ProgramOptions)

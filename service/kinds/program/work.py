@@ -1,4 +1,4 @@
-"""A compensated program: from a run's model, a program and its loads to the program with other numbers."""
+"""The work of a compensated program: correct the targets by the model of a run, and write the program."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.robots import kinds_of
 from jointstiff.service.conversion.units import ANGLE, LENGTH
-from jointstiff.service.kinds.program.path import ProgramPath, Visits, program_path, start_of
-from jointstiff.service.kinds.work import Arrays, Span, Work, as_request_errors, joined, spans
+from jointstiff.service.kinds.program.path import ProgramPath, Visits, find_path, start_joints
+from jointstiff.service.kinds.work import Arrays, Span, Work, as_request_errors, cut_into_spans, joined
 from jointstiff.service.problems import VerdictError
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import marked, read_program
@@ -64,13 +64,14 @@ from jointstiff.solver.predict.forward import (
 from jointstiff.solver.predict.models import EXTRAPOLATED
 
 MAX_QUICK_POINTS: Final = 10_000
-"""Points of a program that is corrected at once; one that several moves use counts for each."""
+"""Greatest number of points of a program that is corrected at once; a point counts for each move to it."""
 STEP_POINTS: Final = 2_000
-"""Points of a step of a longer one."""
+"""Points in a step of a longer program."""
 _MAX_REMARKS: Final = 50
 _MAX_UNPACKED: Final = 256 * 1024 * 1024
+"""Greatest size of a file after decompression, which protects the memory."""
 _TURNED: Final = 0.05
-"""Turn of a joint by a correction [rad] that shows a singularity: usual ones are a few milliradians."""
+"""Turn of a joint by a correction [rad] that indicates a singularity: usual turns are a few milliradians."""
 _TOLERANCE: Final = 1e-4
 """Angle by which a joint's limit may be exceeded [rad]."""
 _POSTURE: Final = (*(f"place {axis} [m]" for axis in "xyz"), *(f"J{j} [deg]" for j in range(1, 7)))
@@ -97,31 +98,31 @@ _REMARKS: Final = ("", "no load", "capped", "uncertain: left alone")
 
 @dataclass(frozen=True, eq=False)
 class Corrections(Compensation):
-    """Corrections of k points under load."""
+    """Corrections of the k points of a path that are under load."""
 
-    points: IndexArray  # (k,) places in the path
-    # (k,) bound of the displacement's error, with what the model lacks [m]; inf or NaN where there is none
+    points: IndexArray  # (k,) indices of points in the path
+    # (k,) bound of the predicted displacement's error, model error included [m]; inf or NaN where unknown
     model_error: FloatArray
-    # (k,) load, or what the readings say of the place, beyond the campaign's: above 1.01 it extrapolates; NaN
-    # without a model error
+    # (k,) load or leverage relative to the campaign's: above 1.01 the prediction extrapolates; NaN if the run
+    # has no model error
     extrapolation: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class WrittenPoints:
-    """The m points of a path with what is written for them."""
+    """The m points of a path, and how well the written program corrects the k points under load."""
 
     path: ProgramPath  # the path
     corrections: Corrections  # corrections of the points under load
-    residual: FloatArray  # (k, 6) from the wanted to the loaded place under what is written [m, rad]
-    rounding: FloatArray  # (k,) part of it that comes of the program's digits [m]
-    changed: BoolArray  # (k,) whether a number is another one than before
-    place: FloatArray  # (m, 3) where the tool's centre is wanted, in R0 [m]
+    residual: FloatArray  # (k, 6) motion from the wanted pose to the loaded pose as written [m, rad]
+    rounding: FloatArray  # (k,) length of the residual's part that is due to the program's rounded digits [m]
+    changed: BoolArray  # (k,) whether a number of the target was changed
+    place: FloatArray  # (m, 3) wanted position of the tool's centre point in R0 [m]
     arm: FloatArray  # (m, 6) wanted postures of the arm as the controller shows them [rad]
     quantile: float  # half the width of intervals in standard uncertainties
 
     def spread(self, sizes: FloatArray) -> Spread | None:
-        """Return median, 95 % quantile and greatest of sizes (k,)."""
+        """Return median, 95 % quantile and greatest of sizes (k,) [m]; None without sizes."""
         if not len(sizes):
             return None
         median, p95, greatest = np.quantile(sizes, [0.5, 0.95, 1.0]).tolist()
@@ -129,18 +130,19 @@ class WrittenPoints:
 
     @cached_property
     def _intervals(self) -> FloatArray:
-        """(2, k, 2) of the deflection, from the readings and with model error [m]; NaN where unknown."""
+        """Intervals (2, k, 2) of the deflection [m]: by readings, with model error; NaN where unknown."""
         corrections = self.corrections
         half = np.stack([self.quantile * corrections.uncertainty, corrections.model_error])
         half = np.where(np.isfinite(half), half, np.nan)
+        # The interval with model error is never narrower than the interval by readings alone.
         half[1] = np.where(np.isnan(half[1]), np.nan, np.fmax(half[0], half[1]))
-        deflection = _spread_of(corrections.uncorrected[:, :3])
+        deflection = _vector_lengths(corrections.uncorrected[:, :3])
         return np.stack([np.maximum(deflection - half, 0.0), deflection + half], axis=2)
 
     def worst(self) -> list[ProgramPoint]:
-        """Return the points with the greatest deflections, greatest first."""
+        """Return at most `MAX_WORST` points with the greatest deflections, greatest first."""
         corrections, targets = self.corrections, self.path.program.targets
-        order = np.argsort(-_spread_of(corrections.uncorrected[:, :3]), kind="stable")[:MAX_WORST]
+        order = np.argsort(-_vector_lengths(corrections.uncorrected[:, :3]), kind="stable")[:MAX_WORST]
         points = corrections.points[order]
         target = self.path.targets[points]
         readings, with_error = self._intervals[:, order]
@@ -151,22 +153,22 @@ class WrittenPoints:
             name=["".join(each if each.isprintable() else "?" for each in name) for name in names],
             line=targets.line[target],
             place=self.place[points],
-            deflection=_spread_of(corrections.uncorrected[order, :3]),
-            deflection_rotation=_spread_of(corrections.uncorrected[order, 3:]),
-            correction=_spread_of(corrections.correction[order, :3]),
-            correction_rotation=_spread_of(corrections.correction[order, 3:]),
+            deflection=_vector_lengths(corrections.uncorrected[order, :3]),
+            deflection_rotation=_vector_lengths(corrections.uncorrected[order, 3:]),
+            correction=_vector_lengths(corrections.correction[order, :3]),
+            correction_rotation=_vector_lengths(corrections.correction[order, 3:]),
             standard_uncertainty=corrections.uncertainty[order],
             interval=readings,
             interval_with_model_error=with_error,
-            residual=_spread_of(self.residual[order, :3]),
-            residual_rotation=_spread_of(self.residual[order, 3:]),
+            residual=_vector_lengths(self.residual[order, :3]),
+            residual_rotation=_vector_lengths(self.residual[order, 3:]),
             rounding=self.rounding[order],
             share=corrections.share[order],
             capped=corrections.capped[order],
         )
 
-    def _columns(self, block: slice) -> FloatArray:
-        """Return the columns `_LOADED` of some points."""
+    def _loaded_columns(self, block: slice) -> FloatArray:
+        """Return the columns `_LOADED` (b, 22) of a block of b points under load."""
         corrections = self.corrections
         return np.column_stack(
             [
@@ -181,13 +183,13 @@ class WrittenPoints:
         )
 
     def table(self) -> bytes:
-        """Return all points in the order of the path, as `points_sheet` reads them."""
+        """Return the bytes of a table of all points, in the order of the path; `points_sheet` reads them."""
         corrections, path = self.corrections, self.path
         numbers = np.full((len(_POSTURE) + len(_LOADED), len(path.targets)), np.nan, dtype=np.float32)
         numbers[:3], numbers[3 : len(_POSTURE)] = self.place.T, np.degrees(self.arm).T
         for start in range(0, len(corrections.points), BLOCK):
             block = slice(start, start + BLOCK)
-            numbers[len(_POSTURE) :, corrections.points[block]] = self._columns(block).T
+            numbers[len(_POSTURE) :, corrections.points[block]] = self._loaded_columns(block).T
         remark = np.full(len(path.targets), _REMARKS.index("no load"), dtype=np.uint8)
         remark[corrections.points] = _REMARKS.index("")
         remark[corrections.points[corrections.capped]] = _REMARKS.index("capped")
@@ -197,10 +199,11 @@ class WrittenPoints:
         files = np.array([source.name for source in path.program.sources])
         places = targets.source[path.targets].astype(np.uint8), targets.line[path.targets].astype(np.int32)
         content = io.BytesIO()
-        # Neighbours differ little: the differences of their bits, byte by byte, take a third of the room.
-        steps = (np.diff(column.view(np.uint32), prepend=np.uint32(0)) for column in numbers)
-        planes = (np.ascontiguousarray(each.view(np.uint8).reshape(-1, 4).T) for each in steps)
-        for plane in planes:
+        # Neighbouring points differ little: stored as differences of their bits, first bytes together, then
+        # second bytes and so on, a column is compressed to a third.
+        differences = (np.diff(column.view(np.uint32), prepend=np.uint32(0)) for column in numbers)
+        byte_planes = (np.ascontiguousarray(each.view(np.uint8).reshape(-1, 4).T) for each in differences)
+        for plane in byte_planes:
             np.save(content, plane, allow_pickle=False)
         for array in (remark, *places, files, np.frombuffer(names, dtype=np.uint8)):
             np.save(content, array, allow_pickle=False)
@@ -208,12 +211,12 @@ class WrittenPoints:
 
 
 def points_sheet(content: bytes) -> Sheet:
-    """Return the points that `WrittenPoints.table` wrote; NaN, an empty cell, where there is no number."""
+    """Return the table of points from bytes of `WrittenPoints.table`; NaN for an empty cell."""
     stored = io.BytesIO(content)
     numbers = dict[str, FloatArray]()
     for name in _POSTURE + _LOADED:
-        steps = np.ascontiguousarray(np.load(stored, allow_pickle=False).T).view(np.uint32)
-        numbers[name] = np.cumsum(steps, dtype=np.uint32).view(np.float32)
+        differences = np.ascontiguousarray(np.load(stored, allow_pickle=False).T).view(np.uint32)
+        numbers[name] = np.cumsum(differences, dtype=np.uint32).view(np.float32)
     remark, source, line, files, names = (np.load(stored, allow_pickle=False) for _ in range(5))
     columns: dict[str, Any] = {
         "point": np.arange(1, len(line) + 1),
@@ -227,21 +230,24 @@ def points_sheet(content: bytes) -> Sheet:
 
 
 def _motions_in_mm(motion: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return displacements (k, 3) and their lengths [mm], and rotations [mrad]."""
-    return 1e3 * motion[:, :3], 1e3 * _spread_of(motion[:, :3]), 1e3 * _spread_of(motion[:, 3:])
+    """Split motions (k, 6) [m, rad] into displacements (k, 3), their lengths [mm], and rotations [mrad]."""
+    return 1e3 * motion[:, :3], 1e3 * _vector_lengths(motion[:, :3]), 1e3 * _vector_lengths(motion[:, 3:])
 
 
-def _spread_of(vectors: FloatArray) -> FloatArray:
+def _vector_lengths(vectors: FloatArray) -> FloatArray:
+    """Return the lengths of vectors along the last axis."""
     return np.asarray(np.linalg.norm(vectors, axis=-1))
 
 
 def rewritten(
     path: ProgramPath, found: Corrections, model: ForwardModel, inverse: InverseKinematics, quantile: float
 ) -> tuple[list[bytes], WrittenPoints]:
-    """Write the corrected numbers, and put what was written through the model of the loaded robot.
+    """Write the compensated program, and check the written numbers with the model of the loaded robot.
+
+    The residuals are computed from the written text, so that rounded digits count.
 
     Returns:
-        The files, and the points with their certificate.
+        The contents of the program's files, and the points with their residuals.
 
     Raises:
         ProgramError: a correction leads out of the joints' limits, or a corrected target is not reached.
@@ -250,63 +256,64 @@ def rewritten(
     _refuse_out_of_limits(path, robot, found)
     targets, text = path.targets[found.points], Rewriting(program)
     residual, changed = np.empty((len(targets), 6)), np.zeros(len(targets), dtype=np.bool_)
-    lost: list[int] = []
+    unreached: list[int] = []
     for rows in text.blocks(targets):
-        own, cases = targets[rows], path.cases[found.points[rows]]
-        by_joints, unit = program.targets.by_joints[own], program.targets.angle_unit[own, None]
-        under = Postures(robot, robot.joint_map.model_angles(found.commanded[rows]))
-        values = frames.numbers(program, own, under.flange_pose)
+        block, cases = targets[rows], path.cases[found.points[rows]]
+        by_joints, unit = program.targets.by_joints[block], program.targets.angle_unit[block, None]
+        commanded = Postures(robot, robot.joint_map.model_angles(found.commanded[rows]))
+        values = frames.numbers_of_poses(program, block, commanded.flange_pose)
         before, after = (inverse.of_arm(each) for each in (cases.joints, found.commanded[rows]))
         values[by_joints, :6] = (after / unit)[by_joints]
-        values[found.share[rows] == 0.0] = np.nan
-        posed = np.flatnonzero(~by_joints & (found.share[rows] > 0.0))
-        words = path.stated.edits(own[posed], before[posed], after[posed])
-        numbers = text.replace(own, values, words)
-        as_read = program.targets.values[own, :NUMBERS]
+        values[found.share[rows] == 0.0] = np.nan  # a target without correction keeps its text
+        corrected = np.flatnonzero(~by_joints & (found.share[rows] > 0.0))
+        words = path.stated.edits(block[corrected], before[corrected], after[corrected])
+        numbers = text.replace(block, values, words)
+        as_read = program.targets.values[block, :NUMBERS]
         changed[rows] = (np.isfinite(as_read) & (as_read != numbers)).any(axis=1)
-        # What the text says now, compared with before
+        # Pose and joints of the written numbers, and the wanted pose of the numbers before.
         angles = robot.joint_map.model_angles(inverse.whole(numbers[:, :6] * unit))
         posed = np.flatnonzero(~by_joints)
-        poses, goal = (frames.flange_poses(program, own[posed], each[posed]) for each in (numbers, as_read))
-        of_arm = inverse.of_arm(under.q)
-        known = under if inverse.arm is robot and len(posed) == len(own) else None
-        arm, reached = inverse.polished_from(poses, known or Postures(inverse.arm, of_arm[posed]))
-        angles[posed] = inverse.whole(arm, of_model=True)
-        lost += found.points[rows[posed[~reached]]].tolist()
+        poses, goal = (frames.flange_poses(program, block[posed], each[posed]) for each in (numbers, as_read))
+        of_arm = inverse.of_arm(commanded.q)
+        start = commanded if inverse.arm is robot and len(posed) == len(block) else None
+        arm_angles, reached = inverse.polished_from(poses, start or Postures(inverse.arm, of_arm[posed]))
+        angles[posed] = inverse.whole(arm_angles, of_model=True)
+        unreached += found.points[rows[posed[~reached]]].tolist()
         wanted = robot.joint_map.model_angles(cases.joints)
-        wanted_poses = np.empty((len(own), 4, 4))
+        wanted_poses = np.empty((len(block), 4, 4))
         wanted_poses[posed], wanted_poses[by_joints] = goal, flange_poses(robot, wanted[by_joints])
-        residual[rows] = residuals(model, cases, wanted_poses, angles, wanted + angles - under.q)
-    if lost:
+        residual[rows] = residuals(model, cases, wanted_poses, angles, wanted + angles - commanded.q)
+    if unreached:
         reason, remedy = (
             "the robot does not reach the corrected target",
             "move the part away from the singularity",
         )
-        raise ProgramError([path.fault(point, reason, remedy) for point in sorted(lost)])
+        raise ProgramError([path.fault(point, reason, remedy) for point in sorted(unreached)])
     points = WrittenPoints(
         path=path,
         corrections=found,
         residual=residual,
         rounding=np.asarray(np.linalg.norm(residual[:, :3] - found.residual[:, :3], axis=1)),
         changed=changed,
-        place=_places(path, robot),
+        place=_wanted_positions(path, robot),
         arm=inverse.of_arm(path.cases.joints),
         quantile=quantile,
     )
     return text.files(), points
 
 
-def _places(path: ProgramPath, robot: Robot) -> FloatArray:
-    """Return where the tool's centre is wanted (m, 3), in R0 [m]."""
-    places = path.frames.places(path.program, path.targets)
+def _wanted_positions(path: ProgramPath, robot: Robot) -> FloatArray:
+    """Return the wanted positions (m, 3) of the tool's centre point, in R0 [m]."""
+    positions = path.frames.positions(path.program, path.targets)
     by_joints = np.flatnonzero(path.program.targets.by_joints[path.targets])
     if len(by_joints):
         goal = Postures(robot, robot.joint_map.model_angles(path.cases.joints[by_joints]))
-        places[by_joints] = goal.to_base(path.cases.place[by_joints, None])[:, 0]
-    return places
+        positions[by_joints] = goal.to_base(path.cases.place[by_joints, None])[:, 0]
+    return positions
 
 
 def _refuse_out_of_limits(path: ProgramPath, robot: Robot, found: Corrections) -> None:
+    """Raise a `ProgramError` if a correction leads beyond the limits of a joint."""
     low, high = robot.limits.T
     angles = robot.joint_map.model_angles(found.commanded)
     outside = ((angles < low - _TOLERANCE) | (angles > high + _TOLERANCE)).any(axis=1)
@@ -317,25 +324,28 @@ def _refuse_out_of_limits(path: ProgramPath, robot: Robot, found: Corrections) -
         raise ProgramError(faults)
 
 
-def _external_axes(request: ProgramRequest, robot: Robot) -> ExternalAxes:
-    """Return what is known of external axes: those of a robot with linear axes are joints of its model."""
+def _interpret_external_axes(request: ProgramRequest, robot: Robot) -> ExternalAxes:
+    """Return whether the program's external axes may move the arm or the part.
+
+    If the request does not say so, linear axes of the robot's model are taken for the external axes.
+    """
     if request.external_axes is not None:
         return ExternalAxes(request.external_axes)
     return ExternalAxes.OF_ROBOT if robot.prismatic.any() else ExternalAxes.MAY_CARRY
 
 
 class ProgramWork(Work):
-    """The work of a compensated program; the postures of its path are found when they are needed first."""
+    """The work of a compensated program; its units are points. Postures are computed when first needed."""
 
     unit = "points"
     activity = "compensating"
 
     def __init__(self, robot: Robot, robot_id: str, run: Run, request: ProgramRequest) -> None:
-        """Read the program.
+        """Read the program, and collect its loads.
 
         Raises:
             RequestError: the request contradicts itself, the run has no model, or the program is not
-            understood.
+                understood.
         """
         if request.accuracy_option == "compensates_load":
             raise RequestError(
@@ -355,77 +365,85 @@ class ProgramWork(Work):
         files = [(each.name, unpacked(each)) for each in request.files if each.name != request.loads]
         if request.loads is not None and len(files) == len(request.files):
             raise RequestError(
-                "this file was not sent", where="loads", remedy="send the table of loads with the files"
+                "the table of loads was not sent",
+                where="loads",
+                remedy="send it with the files of the program",
             )
         self._program = read_program(
             files,
             request.format,
             request.leave_alone,
             leave_others=request.leave_others,
-            external_axes=_external_axes(request, robot),
+            external_axes=_interpret_external_axes(request, robot),
         )
         table = next((unpacked(each) for each in request.files if each.name == request.loads), None)
-        self._visits = Visits.of(self._program, request, table)
+        self._visits = Visits.collect(self._program, request, table)
 
     @cached_property
     def _inverse(self) -> InverseKinematics:
+        """Inverse kinematics of the robot, near the posture `start` of the request."""
         robot = self._used.model.robot
         with as_request_errors():
-            return InverseKinematics(robot, start_of(self._request, robot))
+            return InverseKinematics(robot, start_joints(self._request, robot))
 
     @cached_property
     def _path(self) -> ProgramPath:
-        return program_path(self._program, self._request, self._used.model.robot, self._inverse, self._visits)
+        """Wanted postures and loads of the program's points."""
+        return find_path(self._program, self._request, self._used.model.robot, self._inverse, self._visits)
 
     @cached_property
     def _ramp(self) -> FloatArray:
+        """Share (m,) of the correction at each point: along `ramp_length`, corrections fade in and out."""
         length = LENGTH[self._request.units.length] * self._request.ramp_length
         return ramp_shares(self._used.model.robot, self._path.cases, length)
 
     def steps(self) -> Sequence[Span]:
-        """Return the points under load of a long program, cut into steps."""
+        """Return the steps of a long program, spans of its points under load; a short program has none."""
         points = max(len(self._program.targets), len(self._program.moves.visits))
         return () if points <= MAX_QUICK_POINTS else self._spans()
 
     def _spans(self) -> tuple[Span, ...]:
-        return spans(len(self._visits.loaded), STEP_POINTS)
+        """Return the points under load, cut into spans of `STEP_POINTS` points."""
+        return cut_into_spans(len(self._visits.loaded), STEP_POINTS)
 
     def compute(self, span: Span) -> Arrays:
-        """Correct the points of a part of the path.
+        """Compute the corrections of the points of a step; return the fields of `Corrections` by name.
 
         Raises:
-            RequestError: a load twists an unknown joint, or the path is not reached.
-            ProgramError: a load finds no stable balance.
+            RequestError: a load twists a joint of unknown stiffness, or the path is not reached.
+            ProgramError: the springs have no stable equilibrium under a load.
         """
         path, points = self._path, self._visits.loaded[slice(*span)]
         model, inverse = self._used.model, self._inverse
 
-        def hold(commanded: FloatArray) -> FloatArray:
+        def hold_linear_axes(commanded: FloatArray) -> FloatArray:
+            # The arm alone makes the correction: linear axes keep their positions.
             return inverse.standing(model.robot, commanded)
 
         try:
             cases = path.cases[points]
-            compensation = compensate(model, cases, self._limits(), self._ramp[points], hold)
+            compensation = compensate(model, cases, self._limits(), self._ramp[points], hold_linear_axes)
         except RequestError as error:
             if error.where is None or not error.where.startswith("cases["):
                 raise
+            # The solver names a load case by its index: report the line of the program instead.
             case = int(error.where.partition("[")[2].partition("]")[0])
             raise ProgramError([path.fault(int(points[case]), error.reason, error.remedy)]) from error
-        radius = beyond = np.full(len(points), np.nan)
+        radius = extrapolation = np.full(len(points), np.nan)
         if self._used.error is not None:
             bound = self._used.error.bound(cases, compensation.leverage, self._request.confidence)
-            radius, beyond = bound.radius, np.maximum(bound.load_ratio, bound.leverage_ratio)
-        return {**vars(compensation), "points": points, "model_error": radius, "extrapolation": beyond}
+            radius, extrapolation = bound.radius, np.maximum(bound.load_ratio, bound.leverage_ratio)
+        return {**vars(compensation), "points": points, "model_error": radius, "extrapolation": extrapolation}
 
     def conclude(self, parts: Sequence[Arrays]) -> ProgramResult:
-        """Write the program, and certify what was written.
+        """Write the compensated program, and return it with the residuals of its points.
 
         Raises:
             RequestError: as `compute` does.
             ProgramError: a corrected target is not reached.
         """
         corrections = Corrections(**joined(parts or map(self.compute, self._spans())))
-        del parts  # as large again
+        del parts  # free the memory, as `corrections` is a copy
         quantile = self._used.model.quantile(self._request.confidence)
         contents, points = rewritten(self._path, corrections, self._used.model, self._inverse, quantile)
         program, left, assessment = self._program, len(self._program.left), self._assessment(corrections)
@@ -433,17 +451,21 @@ class ProgramWork(Work):
             counts = datetime.now(UTC).date(), len(program.moves) + left, left
             contents[0] = marked(program.format, contents[0], self._used.run.id, assessment.verdict, *counts)
         files = [packed(source.name, contents.pop(0)) for source in program.sources]
-        return self._result(points, files, assessment)
+        return self._make_result(points, files, assessment)
 
     def _assessment(self, corrections: Corrections) -> Assessment:
-        """Return the verdict on the program: its own reasons, and those of its run."""
+        """Return the verdict on the compensated program, with reasons of its own and of the run.
+
+        Raises:
+            VerdictError: limits reduce corrections, and the request does not accept this.
+        """
         left, points = len(self._program.left), len(corrections.points)
         moves, capped = len(self._program.moves) + left, int(corrections.capped.sum())
         lengths = np.linalg.norm(corrections.uncorrected[:, :3], axis=1)
-        turned = np.abs(corrections.commanded - self._path.cases.joints[corrections.points]).max(
+        turn = np.abs(corrections.commanded - self._path.cases.joints[corrections.points]).max(
             axis=1, initial=0.0
         )
-        near, run = int((turned > _TURNED).sum()), self._used.result
+        near, run = int((turn > _TURNED).sum()), self._used.result
         reasons = [
             *of_deflection(float(lengths.max(initial=0.0)), run),
             *of_points([*np.unique(self._path.cases.load_point, axis=0).tolist()]),
@@ -472,6 +494,7 @@ class ProgramWork(Work):
         return judged("program", reasons, run.assessment)
 
     def _limits(self) -> CorrectionLimits:
+        """Return the limits of a correction in m and rad, as the request states or by default."""
         request, usual = self._request, CorrectionLimits()
         length, angle = LENGTH[request.units.length], ANGLE[request.units.angle]
         return CorrectionLimits(
@@ -479,9 +502,10 @@ class ProgramWork(Work):
             usual.rotation if request.max_rotation is None else angle * request.max_rotation,
         )
 
-    def _result(
+    def _make_result(
         self, points: WrittenPoints, files: list[ProgramFile], assessment: Assessment
     ) -> ProgramResult:
+        """Return the result message of the corrected points and written files."""
         corrections, program = points.corrections, self._program
         left: dict[LeftAlone, int] = {
             "no_load": len(points.path.targets) - len(corrections.points),
@@ -515,6 +539,7 @@ class ProgramWork(Work):
         )
 
     def _remarks(self) -> list[str]:
+        """Return remarks of the run's model, then lines of the program that were not corrected, by reason."""
         lines: dict[str, list[int]] = {}
         for remark in self._program.left_alone:
             lines.setdefault(remark.text, []).append(remark.line)
@@ -527,36 +552,36 @@ class ProgramWork(Work):
 
 
 def _line_numbers(lines: Sequence[int]) -> str:
-    """Return line numbers as text, the first five of them."""
+    """Return line numbers as text, such as "lines 3, 7": the first five, and how many more."""
     first = ", ".join(map(str, lines[:5]))
     more = f" and {len(lines) - 5} more" if len(lines) > 5 else ""
     return f"line {first}" if len(lines) == 1 else f"lines {first}{more}"
 
 
 def packed(name: str, content: bytes) -> ProgramFile:
-    """Return a file as it is stored: compressed, as text."""
+    """Return a file as it is stored: compressed and in base64, with its size and SHA-256 digest."""
     text = base64.b64encode(zlib.compress(content, 1)).decode("ascii")
     digest = hashlib.sha256(content).hexdigest()
     return ProgramFile(name=name, bytes=len(content), content=text, sha256=digest)
 
 
 def unpacked(file: ProgramFile) -> bytes:
-    """Return the bytes of a stored file.
+    """Return the content of a stored file, decompressed.
 
     Raises:
-        RequestError: it has none.
+        RequestError: the file has no content.
     """
     if file.content is None:
         raise RequestError("the file has no content", where="files", remedy="send the file itself")
     return zlib.decompressobj().decompress(base64.b64decode(file.content), _MAX_UNPACKED)
 
 
-def work(inputs: Inputs, request: ProgramRequest) -> ProgramWork:
-    """Return the work of a compensated program.
+def prepare_compensation(inputs: Inputs, request: ProgramRequest) -> ProgramWork:
+    """Fetch the run of a request, and return the work that compensates the program.
 
     Raises:
-        RequestError: there is no such run, it has no model that predicts, or the request has no files or
-            does not fit it.
+        RequestError: the run does not exist or has no model for predictions; or the request has no files,
+            does not fit the run, or has a program that was compensated already.
     """
     run = accepted_run(inputs, request.run_id, request.accept_verdict)
     if not request.files:

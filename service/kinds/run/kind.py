@@ -52,15 +52,17 @@ _WORDS: Final = {
 }
 """Words for the status of a joint, or for the verdict on an identified one."""
 _GRADES: Final = {0.05: "well determined", 0.2: "determined"}
+"""Words by the greatest half width of the interval relative to the stiffness, narrowest first."""
 
 
 def report(job: Run, result: RunResult, view: View) -> Report:
-    """Return the joints and what the fit is worth; with details all that the fit says."""
+    """Return the table of joints, the summary of the fit and advice; `view.details` adds the evidence."""
     parts: list[Part] = [
         _joints_table(job, result, view.unit),
         *joint_reason_lines((joint.name, joint.reason) for joint in result.joints),
         _fit_summary(result),
     ]
+    # With such a mistake in the readings, the rest of the report would mislead.
     if not view.details and not ROOT_MISTAKES.isdisjoint(each.code for each in result.assessment.reasons):
         return Report(parts[:1])
     if result.weight is not None:
@@ -75,11 +77,12 @@ def report(job: Run, result: RunResult, view: View) -> Report:
 
 
 def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
+    """Return the table of joints: stiffness with uncertainty and interval, influence of a prior, verdict."""
     request, joints = run.request, result.joints
     constraint = "compliance ≥ 0" if request.positive else "unconstrained"
-    way = f"{METHOD_NAMES[request.method]}, {request.weighting} weights"
+    method = f"{METHOD_NAMES[request.method]}, {request.weighting} weights"
     if request.weight is not None:
-        way = "by the robot's own weight"
+        method = "by the robot's own weight"
     cells = [unit.cells(joint) for joint in joints]
     prior = [_prior_cell(joint, known=joint.name in request.priors) for joint in joints]
     return Table(
@@ -91,13 +94,13 @@ def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
             *([Column("prior/data", prior)] if request.priors else []),
             Column("verdict", joints, _verdict_cell, text=True),
         ],
-        title=f"Joint {unit.quantity}, {way}, {constraint}",
+        title=f"Joint {unit.quantity}, {method}, {constraint}",
         caption=f"{unit.quantity}, its standard uncertainty and interval in {unit.label_of(joints)}",
     )
 
 
 def before_and_after(before: RunResult, after: RunResult, unit: StiffnessUnit) -> Table:
-    """Return two runs side by side: verdict, what they explain, and each joint with its uncertainty."""
+    """Return a table of two runs in columns: verdict, explained deflection, residual, joint stiffnesses."""
 
     def column(result: RunResult) -> list[str]:
         share = result.compensation
@@ -122,38 +125,38 @@ def before_and_after(before: RunResult, after: RunResult, unit: StiffnessUnit) -
 
 
 def _weight_lines(weight: WeightResult) -> Iterator[Line]:
-    """Yield what each joint's interval is due to, and what the sag explains."""
+    """Yield how much uncertain masses add to each joint's interval, and how much sag improves the fit."""
     shares = [f"{each.joint} {100 * each.masses:.0f} %" for each in weight.joints if each.masses is not None]
     if shares:
-        yield Line(f"  uncertain masses make up of each interval: {', '.join(shares)}")
+        yield Line(f"  share of uncertain masses in each interval: {', '.join(shares)}")
     before, after = weight.rms_without_sag, weight.rms_residual
     yield Line(
-        f"  the best geometry of an arm that does not bend leaves {length_text(before)} rms of a coordinate, "
-        f"with sag it leaves {length_text(after)}"
+        f"  without sag, the best geometry leaves {length_text(before)} rms of a coordinate; "
+        f"with sag, {length_text(after)}"
         + (": the arm bends too little under its own weight to gain much" if after > 0.9 * before else "")
     )
 
 
 def _verdict_cell(joint: JointResult) -> Line:
-    """Return the cell of a joint: how narrow its interval is if it is to be used, else status or verdict."""
+    """Return the verdict on a joint as a cell: how well it is determined, or why it is not to be used."""
     if joint.status != "identified" or joint.verdict != "use":
         return _WORDS[joint.verdict if joint.status == "identified" else joint.status]
     low, high = joint.stiffness_interval or (None, None)
     if low is None or high is None or not joint.stiffness:
         return Line("no interval", "care")
-    narrow = [limit for limit in _GRADES if (high - low) / 2 / joint.stiffness <= limit]
-    return Line(_GRADES[narrow[0]] if narrow else "roughly known", "good")
+    met = [limit for limit in _GRADES if (high - low) / 2 / joint.stiffness <= limit]
+    return Line(_GRADES[met[0]] if met else "roughly known", "good")
 
 
 def _prior_cell(joint: JointResult, *, known: bool) -> str:
-    """Format the information of the prior over that of the readings."""
+    """Format the ratio of the prior's information on a joint to the readings' information."""
     if joint.prior_to_data is not None:
         return f"{joint.prior_to_data:.2g}"
     return "prior only" if known and joint.status != "not_observable" else "—"
 
 
 def _fit_summary(result: RunResult) -> Line:
-    """Return what the fit is worth, in one line."""
+    """Return a line with the explained share of the deflection, the residual, and sigma."""
     share = result.compensation
     explained = "" if share is None else f"explains {100 * share:.1f} % of the mean deflection, "
     sigma = (
@@ -165,7 +168,7 @@ def _fit_summary(result: RunResult) -> Line:
 
 
 def _advice_lines(run: Run, result: RunResult, *, details: bool) -> Iterator[str]:
-    """Yield the next measurement of each joint that needs one, with details every one."""
+    """Yield advice on what to measure next: the first piece for each joint, or with details every piece."""
     advised = set()
     joints = {joint.name: joint for joint in result.joints}
     for advice in result.identifiability.advice:
@@ -178,15 +181,18 @@ def _advice_lines(run: Run, result: RunResult, *, details: bool) -> Iterator[str
 
 
 def _reading(advice: Advice, kinds: Sequence[JointKind]) -> str:
-    """Return load and posture of a reading."""
+    """Describe an advised reading in words: force, direction and posture."""
     size = sqrt(sum(part**2 for part in advice.force))
-    along = ", ".join(f"{part / size + 0.0:.2f}" for part in advice.force)
+    along = ", ".join(f"{part / size + 0.0:.2f}" for part in advice.force)  # + 0.0 turns −0 into 0
     posture = advice.observation or f"{posture_text(advice.joints, kinds)} if free of collisions"
     return f"{figure(size)} N along ({along}) in posture {posture}"
 
 
 def _promised_gain(run: Run, advice: Advice, joint: JointResult) -> str:
-    """Return what a reading promises, which is known for the partial pose weighted by covariance."""
+    """Describe how an advised reading would reduce a joint's uncertainty; "" where this is not predicted.
+
+    The prediction holds for the partial pose with covariance weights and without priors.
+    """
     request = run.request
     u, ratio = joint.standard_uncertainty, advice.uncertainty_ratio
     if request.method != "partial_pose" or request.weighting != "covariance" or request.priors:
@@ -210,7 +216,7 @@ _SIGMA = {
 
 
 def detail_lines(result: RunResult) -> list[Line]:
-    """Return the lines that `--details` adds below the table of joints."""
+    """Return the lines that `--details` adds on suspicious readings, fit, uncertainties, observability."""
     lines = [Line(f"  {line}", "care") for line in _suspicious(result)]
     others = (
         *_goodness(result),
@@ -223,16 +229,17 @@ def detail_lines(result: RunResult) -> list[Line]:
 
 
 def causes_tested(result: RunResult) -> Iterator[str]:
-    """Yield a line of the causes that were tested with the joints, with their p-values."""
+    """Yield a line with the systematic causes that were fitted with the joints, and their p-values."""
     if result.causes:
-        since = {None: ""} | {cause.first: f" since {cause.first}" for cause in result.causes if cause.first}
+        begins = {None: ""} | {each.first: f" since {each.first}" for each in result.causes if each.first}
         yield ", ".join(
-            f"{cause.name.replace('_', ' ')}{since[cause.first]} {cause.p_value:.1g}"
+            f"{cause.name.replace('_', ' ')}{begins[cause.first]} {cause.p_value:.1g}"
             for cause in result.causes
         )
 
 
 def _goodness(result: RunResult) -> Iterator[str]:
+    """Yield a line with χ² per degree of freedom, where sigma was given and not estimated."""
     goodness = result.goodness
     if goodness.sigma_source == "given" and goodness.degrees_of_freedom > 0:
         ratio = goodness.chi_square / goodness.degrees_of_freedom
@@ -259,13 +266,13 @@ _SOURCES = {
 
 
 def _budget(result: RunResult) -> Iterator[str]:
-    """Yield what the joints' uncertainties consist of, relative to the compliance."""
+    """Yield a line for each source of uncertainty: its least and greatest share of a joint's compliance."""
     budget = result.budget
     if budget is None:
         return
-    sizes = [joint.compliance for joint in result.joints if joint.name in budget.joints]
+    compliances = [joint.compliance for joint in result.joints if joint.name in budget.joints]
     for part in budget.components:
-        shares = [100 * u / abs(c) for u, c in zip(part.contributions, sizes, strict=True) if c]
+        shares = [100 * u / abs(c) for u, c in zip(part.contributions, compliances, strict=True) if c]
         if shares:
             ends = sorted({f"{min(shares):.2g}", f"{max(shares):.2g}"}, key=float)
             excluded = "" if part.included else ", not in the intervals"
@@ -277,7 +284,7 @@ def _budget(result: RunResult) -> Iterator[str]:
 
 
 def _complementary_stiffness(result: RunResult) -> Iterator[str]:
-    """Yield whether it matters that the load follows the deflection."""
+    """Yield a line on the complementary stiffness K_c, by which the load changes with the deflection."""
     size = result.complementary_stiffness
     if size is None:
         return
@@ -291,7 +298,7 @@ def _complementary_stiffness(result: RunResult) -> Iterator[str]:
 
 
 def _suspicious(result: RunResult) -> Iterator[str]:
-    """Yield the readings that the robust loss mistrusts, worst first."""
+    """Yield lines on the readings to which the Huber loss gives less weight, worst first."""
     threshold, count = result.huber_threshold, result.suspicious_count
     if threshold is None:
         return
@@ -307,7 +314,7 @@ def _suspicious(result: RunResult) -> Iterator[str]:
 
 
 def _identifiability(found: Identifiability) -> Iterator[str]:
-    """Yield the observability of the joints."""
+    """Yield observability indices, the condition number, and the joints that are determined worst."""
     if found.observability is not None and found.condition_number is not None:
         indices = ", ".join(f"{name.upper()} {value:.2g}" for name, value in found.observability.items())
         yield f"observability {indices}; condition number {found.condition_number:.3g}"
@@ -323,25 +330,26 @@ _MODEL_NAMES = {
     "links_and_base": "joints, links and base",
 }
 _NO_COMPLIANCE: Final = 1e-9
-"""Principal compliance relative to the first, below which it is rounding."""
+"""Principal compliance relative to the greatest, below which it is a rounding error and shown as zero."""
 _CHOSEN = {"given": "given", "cross_validation": "by cross-validation"}
 
 
 def _choice_lines(choice: ModelChoice, links: LinksResult | None, *, details: bool) -> list[Part]:
-    """Return what bends in a line, where it was not given, and where no table says so."""
+    """Return a line on the elastic model; none where the user gave it, or where the details have a table."""
     if links is not None:
         return [] if details else [links_line(links, choice)]
     return [] if choice.source == "given" else [Line(f"  {choice.message}", "dim")]
 
 
 def _choice_evidence(choice: ModelChoice, links: LinksResult | None) -> list[Part]:
+    """Return the tables of details on the elastic model: its links, or the models that were compared."""
     if links is not None:
         return [Line(""), *links_report(links, choice)]
     return [Line(""), choice_table(choice)] if choice.models else []
 
 
 def links_report(links: LinksResult, choice: ModelChoice) -> list[Part]:
-    """Return what else bends, in tables and lines."""
+    """Return tables and lines on elastic links: shares, compliances, compared models, certificate."""
     certificate = links.certificate
     of_optimum = "of the optimum" if choice.loss == "squared" else "of the optimum a target"
     parts: list[Part] = [_elements_table(links)]
@@ -363,7 +371,7 @@ def links_report(links: LinksResult, choice: ModelChoice) -> list[Part]:
 
 
 def links_line(links: LinksResult, choice: ModelChoice) -> Line:
-    """Return in one line what the elastic links add to the joints."""
+    """Return a line on how much more the model with elastic links explains than joints alone."""
     model, losses = choice.elasticity, {**choice.losses, choice.elasticity: choice.loss}
     scores = {each.model: each.compensation for each in choice.models if each.loss == losses[each.model]}
     if choice.simplest is None or not {"joints", model} <= set(scores):
@@ -377,6 +385,7 @@ def links_line(links: LinksResult, choice: ModelChoice) -> Line:
 
 
 def _elements_table(links: LinksResult) -> Table:
+    """Return the share of each elastic element (joint, link, base) in the squared deflection."""
     elements = links.elements
     names = [
         f"link behind {each.joint}" if each.kind == "link" else each.joint or each.kind for each in elements
@@ -396,11 +405,12 @@ def _elements_table(links: LinksResult) -> Table:
 
 
 def _links_table(links: LinksResult, model: ElasticModel) -> Table:
+    """Return the principal compliances of each elastic link, with the link's effective parameters."""
     return Table(
         [
             Column("behind", [link.joint for link in links.links], text=True),
-            Column("translation", [_principal(link, "translation") for link in links.links]),
-            Column("rotation", [_principal(link, "rotation") for link in links.links]),
+            Column("translation", [_principal_compliances(link, "translation") for link in links.links]),
+            Column("rotation", [_principal_compliances(link, "rotation") for link in links.links]),
             Column("freedom", [f"{each.effective_freedom:.1f} of {each.parameters}" for each in links.links]),
         ],
         title=f"Links, {_MODEL_NAMES[model]}",
@@ -410,7 +420,7 @@ def _links_table(links: LinksResult, model: ElasticModel) -> Table:
 
 
 def _base_table(base: ElasticCompliance) -> Table:
-    """Return the base's principal compliances and stiffnesses, one a row, with their directions."""
+    """Return the principal compliances and stiffnesses of the base, each a row with its direction."""
     rows = []
     for name, parts, of_compliance, of_stiffness, scale in (
         ("translation", base.translation, "µm/kN", "N/µm", 1e-6),
@@ -434,14 +444,15 @@ def _base_table(base: ElasticCompliance) -> Table:
     )
 
 
-def _principal(link: ElasticCompliance, kind: str) -> str:
+def _principal_compliances(link: ElasticCompliance, kind: str) -> str:
+    """Format a link's principal compliances, of `translation` in µm/kN or of `rotation` in µrad/(kN·m)."""
     values = link.translation if kind == "translation" else link.rotation
     rounding = _NO_COMPLIANCE * values[0].value
     return ", ".join(f"{1e9 * each.value if each.value > rounding else 0.0:.3g}" for each in values)
 
 
 def choice_table(choice: ModelChoice) -> Table:
-    """Return models and losses compared with each other."""
+    """Return a table of the elastic models and losses with their scores in cross-validation."""
     models = choice.models
     return Table(
         [
@@ -459,7 +470,7 @@ def choice_table(choice: ModelChoice) -> Table:
 
 
 def _model_mark(scored: ScoredModel, choice: ModelChoice) -> str:
-    """Return what distinguishes a model with a loss."""
+    """Return the remark on a model and loss: used by this run, simplest good model, or best."""
     is_chosen = (scored.model, scored.loss) == (choice.elasticity, choice.loss)
     marks = ["this run"] if is_chosen else []
     if scored.loss == choice.losses.get(scored.model):
@@ -469,10 +480,13 @@ def _model_mark(scored: ScoredModel, choice: ModelChoice) -> str:
 
 
 def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit) -> Table:
-    """Return a row for each joint, then the compensation on all configurations."""
+    """Return a table of the fits of resampled configurations: a row for each joint, then the compensation.
+
+    The compensation is the share of the mean deflection that a fit explains, over all configurations.
+    """
     drawn = run.request.resampling
-    size = f"{drawn.size} configurations drawn at random" if drawn else ""
-    moments_of = [moments(joint, unit) for joint in resampling.joints]
+    sample = f"{drawn.size} configurations drawn at random" if drawn else ""
+    moments = [mean_and_deviation(joint, unit) for joint in resampling.joints]
     joints, compensation = resampling.joints, resampling.compensation_mean
     deviation = resampling.compensation_deviation
     names: list[str] = [joint.name for joint in joints]
@@ -486,24 +500,28 @@ def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit
     return Table(
         [
             Column("joint", names, text=True),
-            column("mean", [_rounded(mean, u) for mean, u in moments_of], compensation),
-            column("deviation", [_rounded(u, u) for _, u in moments_of], deviation),
+            column("mean", [_rounded(mean, u) for mean, u in moments], compensation),
+            column("deviation", [_rounded(u, u) for _, u in moments], deviation),
             column("negative", [f"{100 * joint.share_negative:.3g} %" for joint in joints], None),
             column("rigid", [f"{100 * joint.share_infinite:.3g} %" for joint in joints], None),
             column("undetermined", [f"{100 * joint.share_undetermined:.3g} %" for joint in joints], None),
         ],
-        title=f"{resampling.repetitions} fits of {size}",
+        title=f"{resampling.repetitions} fits of {sample}",
         caption=f"{unit.quantity} in {unit.label_of(joints)}: mean and standard deviation of one fit; "
         "compensation on all",
     )
 
 
 def _rounded(value: float | None, uncertainty: float | None) -> str:
+    """Round a value to the digits that its uncertainty allows; a dash without value."""
     return NO_NUMBER if value is None else rounded(value, uncertainty)
 
 
-def moments(joint: ResampledJoint, unit: StiffnessUnit) -> tuple[float | None, float | None]:
-    """Return mean and standard deviation of one fit, in the unit; None where some fits have none."""
+def mean_and_deviation(joint: ResampledJoint, unit: StiffnessUnit) -> tuple[float | None, float | None]:
+    """Return mean and standard deviation of a joint's stiffness or compliance over all fits, in `unit`.
+
+    Both numbers are None if a fit does not determine the joint.
+    """
     moments = (
         (joint.compliance_mean, joint.compliance_deviation)
         if unit.inverse
@@ -515,7 +533,7 @@ def moments(joint: ResampledJoint, unit: StiffnessUnit) -> tuple[float | None, f
 
 
 def charts(result: RunResult) -> list[Chart]:
-    """Return stiffnesses with their intervals, what each joint contributes, and what the model leaves."""
+    """Return charts: stiffnesses, the joints' shares of the deflection, measured and residual deflection."""
     drawn: list[Chart] = []
     for kind, factor, unit in (("revolute", 1e-6, "10⁶ N·m/rad"), ("prismatic", 1e-6, "N/µm")):
         joints = [joint for joint in result.joints if joint.kind == kind]
@@ -537,13 +555,13 @@ def charts(result: RunResult) -> list[Chart]:
 
 
 def joints_sheet(run: Run) -> Sheet:
-    """Return a row a joint."""
+    """Return the file `joints.csv`: a row for each joint; empty without result."""
     joints = run.result.joints if run.result else []
     return Sheet.of_joints(Sheet.of_fields(joints, _JOINTS), [joint.kind for joint in joints])
 
 
 def residuals_sheet(run: Run) -> Sheet:
-    """Return a row a target and observation."""
+    """Return the file `residuals.csv`: a row for each observation and target; empty without result."""
     return Sheet.of_fields(run.result.residuals if run.result else [], _RESIDUALS)
 
 
@@ -576,10 +594,10 @@ _EXAMPLES: Final[dict[str, Any]] = {
 
 
 def compute(inputs: Inputs, request: RunRequest) -> Work:
-    """Return the work of a run."""
-    from jointstiff.service.kinds.run.work import identification
+    """Return the work of a run, which is computed later; numerical modules are imported here."""
+    from jointstiff.service.kinds.run.work import prepare_identification
 
-    return identification(inputs, request)
+    return prepare_identification(inputs, request)
 
 
 RUN: Final = Kind[Run, RunRequest](

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, cast
 
 from jointstiff.schemas.options import RunOptions
 from jointstiff.service.kinds.run.kind import RUN
-from jointstiff.service.kinds.verb import Door, Follow, describe_fields, stated
+from jointstiff.service.kinds.verb import Door, Follow, describe_fields, merge_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -64,7 +64,7 @@ def identify(
     """Identify the joint stiffnesses of a campaign.
 
     Args:
-        door: whose method this is: where the work is done.
+        door: `Here` or a `Client`, which has this function as a method and does the work.
         campaign: a file, a document that was read from JSON, a `Campaign`, or a run.
         options: a `RunOptions`; fields by name replace its own.
         on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
@@ -76,11 +76,11 @@ def identify(
         fields: fields of `RunOptions`.
 
     Returns:
-        The Run, with its result in SI units. A failure of the computation is one in state `failed`.
+        The Run, with its result in SI units. If the computation fails, its state is `failed`.
 
     Raises:
-        CampaignError: a source or an option cannot be used; its `problem` says what, where and what to do.
-        RefusedError: the service refuses it.
+        CampaignError: a source or an option cannot be used; the error's `problem` says why, and the remedy.
+        RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """
     with Follow(on_progress, cancel, executor) as follow:
@@ -88,9 +88,12 @@ def identify(
         set_id, own = door.measured(campaign)
         request: dict[str, Any] = {"measurement_set_id": set_id}
         if own is not None:
+            # The options of the campaign's run apply, unless the caller gives `options` instead.
             shared = own.model_dump(mode="json", exclude_unset=True) if options is None else {}
             request = shared | request | {"leave_out": own.leave_out}
-        return cast("TabledRun", door.done(RUN, request | stated(RunOptions, options, fields), {}, follow))
+        return cast(
+            "TabledRun", door.done(RUN, request | merge_options(RunOptions, options, fields), {}, follow)
+        )
 
 
 describe_fields(identify, RunOptions)

@@ -1,4 +1,4 @@
-"""The work of a run: the solver's story of it, carried out in steps."""
+"""The work of a run: the solver's identification, carried out in steps."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from jointstiff.solver.run import Identification
 
 
 class RunWork(Work):
-    """The work of a run: draws, or models compared on held-out postures; most runs take no steps."""
+    """The work of a run. Only resampling and the comparison of models on held-out postures take steps."""
 
     def __init__(self, prepared: PreparedSet, request: RunRequest) -> None:
-        """Check the request.
+        """Check the request, and complete it by its only load if that is the robot's own weight.
 
         Raises:
-            RequestError: the readings cannot support it.
+            RequestError: the readings cannot support the request.
         """
         request = with_only_load(prepared.robot, prepared.measurements, request)
         self.robot_id, self.input_hash = prepared.robot_id, prepared.run_hash(request)
@@ -29,11 +29,11 @@ class RunWork(Work):
             self.unit, self.activity = self._run.long.unit, self._run.long.activity
 
     def steps(self) -> Sequence[Span]:
-        """Return the steps of the run; none of a quick one."""
+        """Return the steps of the run; none if the run is quick."""
         return () if self._run.long is None else self._run.long.steps()
 
     def compute(self, span: Span) -> Arrays:
-        """Carry out a step; its numbers do not depend on the worker.
+        """Carry out a step and return its arrays, which do not depend on the worker.
 
         Raises:
             JointstiffError: the run fails.
@@ -41,19 +41,19 @@ class RunWork(Work):
         return super().compute(span) if self._run.long is None else self._run.long.compute(span)
 
     def conclude(self, parts: Sequence[Arrays]) -> RunResult:
-        """Return the result of the run.
+        """Return the result of the run, from the arrays of all steps in order.
 
         Raises:
-            JointstiffError: there is none, and why.
+            JointstiffError: the run fails; the error says why.
         """
         return self._run.conclude(parts)
 
 
-def identification(inputs: Inputs, request: RunRequest) -> RunWork:
-    """Return the work of a run.
+def prepare_identification(inputs: Inputs, request: RunRequest) -> RunWork:
+    """Fetch the measurement set of a request, and return the work of its identification.
 
     Raises:
-        RequestError: there is no such set, or the readings cannot support the request.
+        RequestError: the set does not exist, or the readings cannot support the request.
     """
     prepared = inputs.measured(request.measurement_set_id, "measurement_set_id", request.leave_out)
     return RunWork(prepared, request)

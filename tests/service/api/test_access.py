@@ -320,10 +320,13 @@ def assert_refused(answer: httpx2.Response, status: int, reason: str, remedy: st
     assert problem.remedy.startswith(remedy)
 
 
-FOREIGN = ("the service does not have this name", "start the service with --allowed-host and this name")
+FOREIGN = (
+    "the request names a host that is not this service",
+    "start the service with --allowed-host and this name",
+)
 OTHER_SITE = ("a page of another site requested a change", "use the service's own page, or a program")
 NO_KEY_YET = (
-    "no key opens this service yet, so it answers its own machine only",
+    "this service has no key yet, so it answers only requests from its own machine",
     "create one with `jointstiff keys create NAME --role ROLE` where the service runs",
 )
 

@@ -125,7 +125,7 @@ def test_a_session_says_whose_key_it_is(role, shared):
         (
             {"key": "x" * 300},
             "422 invalid-request | key | must have at most 200 items, but has 300 | "
-            "send fewer, or split them into several resources",
+            "send fewer items, or split them into several resources",
         ),
         (
             {"key": 1},
@@ -187,8 +187,7 @@ KEY = {"name": "tablet hall 3", "role": "viewer", "expires_at": "2999-01-01T00:0
         (
             "role",
             "owner",
-            "role | must be 'viewer', 'operator' or 'admin' | "
-            "use one of the words named, as they are written",
+            "role | must be 'viewer', 'operator' or 'admin' | use one of these words exactly as written",
         ),
         (
             "expires_at",
@@ -198,8 +197,7 @@ KEY = {"name": "tablet hall 3", "role": "viewer", "expires_at": "2999-01-01T00:0
         (
             "expires_at",
             "9999-12-31T23:59:59-12:00",
-            "expires_at | must be a time that UTC has, before the year 10000 | "
-            "correct the field as the reason says",
+            "expires_at | must be a time before the year 10000 in UTC | correct the field as the reason says",
         ),
         (
             "expires_at",
@@ -312,7 +310,7 @@ def test_names_and_keys_decide_who_is_answered(address, hosts, access_control, a
 @pytest.mark.parametrize(
     ("address", "require_key", "reason"),
     [
-        ("192.0.2.1", False, "other machines can reach this address, but the service has no name"),
+        ("192.0.2.1", False, "other machines can reach this address, but no host name is allowed"),
         ("127.0.0.1", True, "cannot both require keys and leave access control to a proxy"),
     ],
 )
@@ -322,11 +320,11 @@ def test_nothing_is_answered_where_nobody_controls_access(address, require_key, 
 
 
 UNCONTROLLED = {
-    "--host ::": "will not start: it requires keys, and no key is valid",
-    "--require-key": "will not start: it requires keys, and no key is valid",
+    "--host ::": "the service will not start: it requires keys, and it has no valid key",
+    "--require-key": "the service will not start: it requires keys, and it has no valid key",
     "--keys-file missing.json": "the file of keys missing.json cannot be used: No such file or directory",
     "--host 192.0.2.1 --no-access-control": (
-        "will not listen on 192.0.2.1: other machines can reach this address, but the service has no name"
+        "will not listen on 192.0.2.1: other machines can reach this address, but no host name is allowed"
     ),
     "--host :: --no-access-control --require-key": (
         "will not listen on ::: the service cannot both require keys and leave access control to a proxy"

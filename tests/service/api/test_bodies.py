@@ -17,7 +17,7 @@ from support.examples import examples
 
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.measurement import MeasurementSetRequest
-from jointstiff.service.api.bodies import read_form, understood
+from jointstiff.service.api.bodies import parse_body, read_form
 from jointstiff.service.problems import MAX_PROBLEM_BYTES
 from jointstiff.solver.errors import RequestError
 
@@ -54,7 +54,7 @@ def test_unknown_keys_cost_little_memory_and_time(body, message):
     started = time.monotonic()
     try:
         with pytest.raises((HTTPException, RequestValidationError)):
-            understood(message, body)
+            parse_body(message, body)
         assert tracemalloc.get_traced_memory()[1] < 64 << 20
     finally:
         tracemalloc.stop()

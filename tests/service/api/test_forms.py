@@ -42,7 +42,7 @@ def run(local):
         ),
         ([SOURCE], None, "422 invalid-request | options | required field is missing | add this field"),
         ([], {}, f"415 unsupported-media-type | - | {NOT_A_FORM} | -"),
-        ([SOURCE, SOURCE], {}, f"422 invalid-request | files | two files have one name | {ONCE}"),
+        ([SOURCE, SOURCE], {}, f"422 invalid-request | files | two files have the same name | {ONCE}"),
         (
             [SOURCE],
             {"run_id": "nobody"},
@@ -53,13 +53,13 @@ def run(local):
             [SOURCE],
             {"tools": []},
             "422 invalid-request | tools | the program names 'TOOL_DATA[1]', but has no numbers for it | "
-            "give them: {'name': 'TOOL_DATA[1]', 'values': [...]}",
+            "give the numbers: {'name': 'TOOL_DATA[1]', 'values': [...]}",
         ),
         (
             [SOURCE],
             {"format": "gcode"},
             "422 invalid-request | options.format | must be 'csv', 'krl', 'fanuc', 'rapid' or 'ur' | "
-            "use one of the words named, as they are written",
+            "use one of these words exactly as written",
         ),
         (
             [("a.src", b"DEF a()\nEND")],
@@ -93,7 +93,7 @@ OPTIONS = ("options", (None, b"{}"))
         ([OPTIONS], "422 invalid-request | files | required field is missing | add this field"),
         (
             [ONE, ("other", (None, b"1"))],
-            "422 invalid-request | body | a form has no field 'other' | "
+            "422 invalid-request | body | the form has an unknown field 'other' | "
             "send only the fields `files` and `options`",
         ),
         (
@@ -104,7 +104,7 @@ OPTIONS = ("options", (None, b"{}"))
         (
             [ONE, ("options", (None, b'{"encoders": "both"}'))],
             "422 invalid-request | options.encoders | must be 'motor' or 'secondary' | "
-            "use one of the words named, as they are written",
+            "use one of these words exactly as written",
         ),
         (
             [("files", (None, b"1"))],
@@ -161,7 +161,7 @@ HOSTILE = {
     "markup in a name": (HEAD.replace(b"a.csv", b"<script>\x07") + b"1\r\n--XyZ--", NAMELESS),
     "base64": (
         HEAD[:-2] + b"Content-Transfer-Encoding: base64\r\n\r\nMTsy\r\n--XyZ--",
-        f"422 invalid-request | body | a file has a Content-Transfer-Encoding | {WRITTEN}",
+        f"422 invalid-request | body | a file has an unsupported Content-Transfer-Encoding | {WRITTEN}",
     ),
     "another charset": (
         HEAD[:-2] + b"Content-Type: text/csv; charset=utf-7\r\n\r\n+AGE-\r\n--XyZ--",
@@ -179,7 +179,7 @@ HOSTILE = {
     "65 files": (
         PART * 65 + END,
         "422 invalid-request | files | must have at most 64 items, but has 65 | "
-        "send fewer, or split them into several resources",
+        "send fewer items, or split them into several resources",
     ),
     "50,000 files": (PART * 50_000 + END, MANY),
     "20 fields": (

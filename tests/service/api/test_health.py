@@ -28,7 +28,7 @@ from jointstiff.service.api.health import Watch
 from jointstiff.service.app import CONCURRENT_REQUESTS, create_app
 from jointstiff.service.problems import StoreUnavailableError, problem_of
 from jointstiff.service.process import ACCESS_LOGGER, JsonFormatter, LogFormat, set_log_format
-from jointstiff.service.server import _state
+from jointstiff.service.server import _gauge_values
 from jointstiff.service.store.store import Store
 
 ROBOT = EXAMPLES["robots"]["modified DH"]
@@ -181,7 +181,7 @@ def test_the_gauges_are_of_the_last_look_and_of_what_waits():
     connected = SimpleNamespace(server_state=SimpleNamespace(connections={1, 2}))
 
     def state(app):
-        return _state(app, connected)
+        return _gauge_values(app, connected)
 
     with Store.open("sqlite://", 10_000_000) as store:
         app = composed(store)

@@ -63,7 +63,7 @@ def trend(client, robot, **query):
 
 def test_one_campaign_is_shown_and_compared_with_nothing(worn):
     _, before = worn
-    assert before["note"] == "one campaign: there is nothing to compare it with yet"
+    assert before["note"] == "only one campaign: a second one is needed to compare"
     assert {(each["change"], each["p_value"], each["changed"]) for each in before["joints"]} == {
         (None, None, False)
     }
@@ -182,7 +182,7 @@ def test_a_trend_is_shown_as_a_table_a_picture_and_a_file(client, long, tmp_path
         ["joint_5", "", "-2.9 ± 1.9 %", "0.14"],
         ["joint_6", "", "-8.1 ± 7.3 %", "0.28"],
     ]
-    assert [len(axes.lines) for axes in shown._figure().axes] == [3] * 6
+    assert [len(axes.lines) for axes in shown._draw_figure().axes] == [3] * 6
     shown.save(tmp_path / "trend.csv")
     head, *lines = csv.reader((tmp_path / "trend.csv").read_text(encoding="utf-8").splitlines())
     assert head == [

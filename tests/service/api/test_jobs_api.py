@@ -197,7 +197,7 @@ def test_who_leaves_as_news_come_has_left():
         while (job := followers._followed.get("r1")) is None or job.news is None:
             await asyncio.sleep(0.01)
         await asyncio.sleep(0.01)
-        job.tell(ServerSentEvent(event="progress", raw_data="{}"))
+        job.publish(ServerSentEvent(event="progress", raw_data="{}"))
         task.cancel()
         await asyncio.wait([task], timeout=5.0)
         assert task.cancelled()

@@ -11,7 +11,7 @@ from support.in_process import Client
 import jointstiff as js
 from jointstiff.schemas.run import JointResult
 from jointstiff.service.library.results import RobotTrend
-from jointstiff.service.runs.trend import Campaign, ReadRun, _degrees_of_freedom, trend_of
+from jointstiff.service.runs.trend import Campaign, ReadRun, _fewest_degrees_of_freedom, compare_campaigns
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import MeasurementSetEntry
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -19,7 +19,7 @@ from jointstiff.simulator.document import robot_document
 
 
 def uncertainty_among(measured):
-    (joint,) = trend_of(["joint_1"], measured)["joints"]
+    (joint,) = compare_campaigns(["joint_1"], measured)["joints"]
     return joint.change.standard_uncertainty
 
 
@@ -90,7 +90,7 @@ def campaigns(instruments, source="force_scale", freedom=None):
     ("freedom", "fewer"), [((12, 30), 12), ((30, 12), 12), ((None, 7), 7), (None, np.inf)]
 )
 def test_a_change_is_judged_with_the_fewer_degrees_of_freedom(freedom, fewer):
-    (joint,) = trend_of(["joint_1"], list(campaigns([None, None], freedom=freedom)))["joints"]
+    (joint,) = compare_campaigns(["joint_1"], list(campaigns([None, None], freedom=freedom)))["joints"]
     first, last = (one.joints["joint_1"].compliance for one in campaigns([None, None]))
     ratio = abs(np.log(first / last)) / (0.03 * np.sqrt(2.0))
     assert joint.p_value == pytest.approx(2.0 * stats.t.sf(ratio, fewer))
@@ -105,7 +105,7 @@ def test_a_run_states_the_degrees_of_freedom_that_a_trend_reads():
         run = js.identify(document | {"measurement_set": measured})
         parts = {"request": run.request.model_dump(mode="json"), "result": run.result.model_dump(mode="json")}
         (one,) = campaigns(["cell 7"])
-        found = _degrees_of_freedom(replace(one, run=ReadRun.model_validate(parts)))
+        found = _fewest_degrees_of_freedom(replace(one, run=ReadRun.model_validate(parts)))
         assert found == (run.result.goodness.degrees_of_freedom if noise is None else np.inf)
 
 
@@ -230,10 +230,10 @@ def test_changes_of_each_serial_number_are_in_the_row(client):
 
 
 def test_one_campaign_is_compared_with_nothing():
-    trend = trend_of(["joint_1"], list(campaigns(["cell 7"])))
+    trend = compare_campaigns(["joint_1"], list(campaigns(["cell 7"])))
     assert trend["joints"][0].change is None
     assert not trend["joints"][0].changed
-    assert "nothing to compare" in trend["note"]
+    assert "only one campaign: a second one is needed" in trend["note"]
 
 
 @pytest.mark.parametrize("source", ["load_point", "force_scale"])
@@ -248,7 +248,7 @@ def test_what_is_assumed_is_that_of_one_hook_and_one_load_cell(source):
 
 
 def shown_trend(measured):
-    fields = trend_of(["joint_1"], measured)
+    fields = compare_campaigns(["joint_1"], measured)
     return RobotTrend(robot_id="r", selection=None, serial_numbers=[], left_out=[], **fields)
 
 
@@ -273,5 +273,5 @@ def test_campaigns_of_one_day_are_labelled_by_their_times():
         replace(one, measured=replace(one.measured, measured_at=time))
         for one, time in zip(campaigns([None] * 3), at, strict=True)
     ]
-    assert shown_trend(measured[:2])._whens() == ["2026-01-01 00:00", "2026-01-01 01:00"]
-    assert shown_trend(measured)._whens()[2] == "2026-01-01 01:00 (3)"
+    assert shown_trend(measured[:2])._campaign_dates() == ["2026-01-01 00:00", "2026-01-01 01:00"]
+    assert shown_trend(measured)._campaign_dates()[2] == "2026-01-01 01:00 (3)"

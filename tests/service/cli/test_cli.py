@@ -14,7 +14,7 @@ from support.processes import LONGEST_SECONDS
 from support.shared_data import shared
 from support.terminal import terminal
 
-from jointstiff.service.cli.measure import _force
+from jointstiff.service.cli.measure import _parse_force
 
 run = partial(terminal, width=160)
 
@@ -38,7 +38,7 @@ def test_negative_stiffness_is_shown_as_what_it_is(tmp_path):
 
 
 def test_one_number_is_a_weight_that_pulls_down():
-    assert _force("200") == _force("-200") == _force("0,0,-200") == (0.0, 0.0, -200.0)
+    assert _parse_force("200") == _parse_force("-200") == _parse_force("0,0,-200") == (0.0, 0.0, -200.0)
 
 
 def test_serve_on_a_port_in_use(tmp_path):

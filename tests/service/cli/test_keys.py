@@ -138,4 +138,4 @@ def test_a_file_of_keys_names_each_once(folder):
     KeysFile(path).add(record)
     with pytest.raises(KeysFileError) as caught:
         KeysFile(path).all()
-    assert str(caught.value) == f"the file of keys {path} cannot be used: an id occurs twice: {WRITE}"
+    assert str(caught.value) == f"the file of keys {path} cannot be used: two keys have the same id: {WRITE}"

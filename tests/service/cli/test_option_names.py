@@ -9,7 +9,7 @@ from typer.main import get_command
 
 import jointstiff
 from jointstiff.service.cli.app import app
-from jointstiff.service.cli.kinds import worded
+from jointstiff.service.cli.kinds import name_options_in_text
 from jointstiff.service.kinds.rooms import ROOMS, kind_of
 
 PACKAGE = Path(jointstiff.__file__).parent
@@ -51,7 +51,10 @@ def test_a_field_becomes_an_option_only_where_the_command_has_it(kind):
     message, command = kind_of(kind).options, ROOMS[kind].command
     options = OPTIONS[f"{command} {command}"]
     for field in message.model_fields:
-        assert set(NAMED.findall(worded(message, f"give `{field}` or `{field}: value`"))) <= options, field
+        assert (
+            set(NAMED.findall(name_options_in_text(message, f"give `{field}` or `{field}: value`")))
+            <= options
+        ), field
 
 
 def test_a_missing_word_is_named_with_those_that_are_accepted(tmp_path):

@@ -98,7 +98,7 @@ def test_output_that_finds_no_room_is_said(arguments):
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(program, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 2
-    assert done.stderr == "cannot write: No space left on device\n  remedy: make room\n"
+    assert done.stderr == "cannot write: No space left on device\n  remedy: free space for the output\n"
 
 
 COMMAND = [sys.executable, "-m", "jointstiff", "demo", "--port", "0"]

@@ -35,8 +35,8 @@ def test_a_geometry_is_shown_with_its_uncertainty_and_written_as_a_robot():
         "│ alpha │ joint_4 │ -90.0000° │ -89.9977° │ 0.040(26) │",
         "│ d │ joint_4 │ -1310.000 │ -1310.053 │ -0.053(28) │",
         "sigma of a coordinate 15.0 µm (stated), χ²/dof 0.95 with 447 degrees of freedom",
-        "one robot fits all sweeps (noise alone fits no better with probability 80 %)",
-        "the controller's angles fit the readings (noise alone fits no better with probability 40 %)",
+        "one robot fits all sweeps (noise alone gives a worse fit with probability 80 %)",
+        "the controller's angles fit the readings (noise alone gives a worse fit with probability 40 %)",
         "deviation of the DH tables (all numbers in the JSON): standard 66.0 µm, modified 66.0 µm",
         "wrote robot.json",
     )
@@ -182,7 +182,8 @@ HELP = {
     ],
     "compare": [
         "Compare methods on a campaign, or two campaigns of one robot.",
-        "[SECOND] <file> Campaign to compare with: on secondary encoders, after a change, a twin.",
+        "[SECOND] <file> Campaign to compare with: on secondary encoders, after a change, or of a twin "
+        "robot.",
         "--ordered / --no-ordered Also identify two sets in one problem in which no joint is softer in the "
         "second one, as with secondary encoders switched on.",
         "--confidence NUMBER Confidence level of ratios; default: that of the first run.",
@@ -227,9 +228,10 @@ HELP = {
         '"below 0.5 mm" to decide about it. [required]',
         "--source SOURCE simulated:SEED, lines:/dev/ttyUSB0, lines:tcp://host:port, lines:udp://:port, or "
         "robodk. [required]",
-        "--most <int range> Number of readings after which it ends. [default: 200; 1<=x<=200]",
+        "--most <int range> Number of readings after which the measurement ends. [default: 200; 1<=x<=200]",
         "--yes Ask nothing: read at once, one after the other.",
-        "--timeout <float range> Seconds after which a silent source has stopped. [default: 30.0; x>=0.1]",
+        "--timeout <float range> Seconds without data after which a source counts as stopped. "
+        "[default: 30.0; x>=0.1]",
         "--load KIND:NEWTONS Load to apply, such as dead_weight:1500, dead_weight:150kg or "
         "any_direction:1500; default: the strongest force of the campaign, a weight if all of its forces "
         "pull down.",

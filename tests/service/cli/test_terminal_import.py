@@ -147,7 +147,7 @@ def test_readings_with_errors_are_written_only_despite_them():
 @pytest.fixture
 def asking(monkeypatch):
     """The commands ask as at a terminal."""
-    monkeypatch.setattr(imports, "may_ask", lambda: True)
+    monkeypatch.setattr(imports, "is_terminal_input", lambda: True)
 
 
 @pytest.mark.usefixtures("asking")
@@ -162,7 +162,7 @@ def test_what_is_missing_is_asked_for_until_the_answer_can_be_used():
         "│ 2 │ shift │ ignored │ │ night; night │",
         "│ 3 │ J1 │ joint 1 │ rad │ 0.393; -1.5543 │",
         "complete: a measurement set integrity: nothing suspicious",
-        "Enter alone takes the answer in brackets; a question without one is asked until it is answered.",
+        "Press Enter for the answer in brackets; a question without brackets needs an answer.",
         "Meaning of column 'shift', such as J1 [deg] [ignore]:",
         "Unit of angles (rad, deg) [deg]:",
         "Unit of lengths (m, mm, in) [mm]:",

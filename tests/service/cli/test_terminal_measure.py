@@ -31,7 +31,7 @@ def test_a_goal_takes_five_readings_and_one_that_is_held_out():
         "m01: joint_6 ± 234 %, about 5 more",
         "m02: share of the goal 1.18, joint_6 ± 35 %, as expected with p 0.03, about 9 more",
         "m03: share of the goal 0.75, joint_6 ± 22 %, as expected with p 0.89, about 3 more",
-        "goes on: 3 readings: the goal takes 5 and a held-out one to be sure of; about 3 more",
+        "goes on: 3 readings: the goal needs 5 readings and then a held-out one; about 3 more",
         "m05: share of the goal 0.54, joint_6 ± 16 %, as expected with p 0.82, about 1 more",
         "goes on: the goal is met; one held-out reading checks it",
         "m06: share of the goal 0.49, joint_6 ± 15 %, as expected with p 0.97, held out: as near to its "
@@ -48,7 +48,7 @@ def test_a_campaign_that_ends_early_says_what_it_knows():
     answer = json.loads(terminal(*line).stdout)
     assert (answer["readings"], answer["state"], answer["stopped"]) == (3, "measuring", None)
     assert answer["message"] == (
-        "3 readings: the goal takes 5 and a held-out one to be sure of; about 3 more"
+        "3 readings: the goal needs 5 readings and then a held-out one; about 3 more"
     )
     assert answer["share"] == pytest.approx(0.74895, rel=1e-4)
     first = answer["joints"][0]
@@ -124,7 +124,7 @@ def test_lines_that_nobody_confirms_are_not_read(asked, capsys):
     with pytest.raises(typer.Exit):
         asked("confirms", "")
     assert capsys.readouterr().err == (
-        "lines\nare the lines read rightly? y or n: nobody confirmed how the lines are read\n  remedy: "
+        "lines\nare the lines read correctly? y or n: nobody confirmed how the lines are read\n  remedy: "
         "confirm it, or give --yes\n"
     )
 

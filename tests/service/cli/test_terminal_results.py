@@ -64,14 +64,14 @@ def test_a_run_in_place_of_a_campaign_is_refused_field_by_field():
         refused("report run.json -o again.html"),
         "run.json does not match the schema robot: required field is missing; add this field",
         "measurement_set: required field is missing; add this field",
-        "id: unknown field; remove it, or check its spelling",
-        "provenance: unknown field; remove it, or check its spelling",
+        "id: unknown field; remove this field, or check its spelling",
+        "provenance: unknown field; remove this field, or check its spelling",
     )
 
 
 def test_a_certificate_needs_the_country_and_the_responsible_person():
     assert refused("report pull.json -o c.xml") == (
-        "report.laboratory: a certificate states the country of the measurement and the responsible person "
+        "report.laboratory: a certificate requires the country of the measurement and the responsible person "
         "remedy: give `country` and `responsible` in the settings of the laboratory"
     )
     Path("lab.toml").write_text(LAB)

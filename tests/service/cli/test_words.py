@@ -6,8 +6,8 @@ from typer.testing import CliRunner
 import jointstiff as js
 from jointstiff.schemas.options import METHODS_IN_SHORT
 from jointstiff.service.cli.app import app
-from jointstiff.service.cli.imports import _split_header, _with_cells
-from jointstiff.service.cli.kinds import _one_of
+from jointstiff.service.cli.imports import _split_header, _with_split_header
+from jointstiff.service.cli.kinds import _word_parser
 from jointstiff.service.cli.options import _unit_of
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -18,7 +18,7 @@ CAMPAIGN = simulate_campaign(default_arm(), configurations=12, load="pull")
 @pytest.mark.parametrize(("short", "method"), [*METHODS_IN_SHORT.items(), ("dpp", "decoupled_partial_pose")])
 def test_the_papers_abbreviations_are_taken_for_the_methods(short, method):
     assert js.identify(CAMPAIGN, method=short).request.method == method
-    assert _one_of(list(METHODS_IN_SHORT.values()))(short) == method
+    assert _word_parser(list(METHODS_IN_SHORT.values()))(short) == method
 
 
 @pytest.mark.parametrize(("field", "word", "accepted"), [("encoders", "motors", "'motor' or 'secondary'")])
@@ -26,13 +26,13 @@ def test_another_word_is_answered_with_those_that_are_accepted(field, word, acce
     document = CAMPAIGN | {"measurement_set": CAMPAIGN["measurement_set"] | {field: word}}
     with pytest.raises(js.CampaignError, match=accepted) as refused:
         js.identify(document)
-    assert "words named" in refused.value.problem.errors[0].remedy
+    assert "one of these words" in refused.value.problem.errors[0].remedy
 
 
 def test_hyphens_stand_for_underlines_at_the_terminal():
-    assert _one_of(["same_as_measured", "off"])("same-as-measured") == "same_as_measured"
+    assert _word_parser(["same_as_measured", "off"])("same-as-measured") == "same_as_measured"
     with pytest.raises(ValueError, match="'on' is not one of 'same_as_measured', 'off'"):
-        _one_of(["same_as_measured", "off"])("on")
+        _word_parser(["same_as_measured", "off"])("on")
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_a_header_is_split_as_its_file_is(delimiter, sign, stated):
     lines = [sign.join([f"P{i}", f"{i}", f"{i}5"]) for i in range(1, 6)]
     file = SourceFile("points.txt", "\n".join(lines).encode())
     options = {"header": sign.join(names), **({"delimiter": delimiter} if stated else {})}
-    assert _with_cells(options, [file])["header"] == names
+    assert _with_split_header(options, [file])["header"] == names
 
 
 def test_a_header_of_an_import_is_split_as_its_file_is(tmp_path):

@@ -96,12 +96,12 @@ def test_the_bodies_of_a_robot_make_readings_without_load_a_set():
         ("body;", "x;", ":1:1: the unit of 'x' is not one of m, mm; write it as in `x [m]`"),
         (
             "cog z [mm]", "cog w [mm]",
-            ":1:7: the header 'cog w [mm]' of a table of masses is not known, or there twice; "
+            ":1:7: the header 'cog w [mm]' of a table of masses is unknown, or occurs twice; "
             "use `body`, `joint`, `mass [kg]`, `± [%]`, `centre x [mm]`, y, z, `centre ± [mm]`",
         ),
         (
             "link 1;joint_1;", "link 1;joint_1;-",
-            ":2: the row is no body: mass: input should be greater than 0; correct its numbers",
+            ":2: the row does not describe a body: mass: input should be greater than 0; correct its numbers",
         ),
     ],
 )  # fmt: skip

@@ -162,7 +162,7 @@ COLUMNS = {
         "label;tip along z [mm]\nc01;0.1\nc02;0.25\n",
     ),
     "unit of a text": mistake("has a unit, but is a column of texts", "label;", "label [mm];"),
-    "hung mass in newton": mistake("a hung mass is in kg", "mass [kg]", "mass [N]", HUNG),
+    "hung mass in newton": mistake("the unit of a hung mass must be kg", "mass [kg]", "mass [N]", HUNG),
     "joint zero": mistake("joints are numbered from 1", "J2 [deg]", "J0 [deg]"),
     "two units by header and option": Case(
         "is in deg, but",
@@ -190,13 +190,15 @@ COLUMNS = {
         "no column with numbers is recognised", "label;remark\nc01;warm\nc02;cold\n", CAMPAIGN
     ),
     "mass beside forces": option(
-        "states the load, and forces state it, too",
+        "states the load, but columns of forces state the load, too",
         with_column("mass [kg]", "150", "150", "150"),
         ignore=["mass [kg]"],
     ),
-    "uncertainty of no position": table("belongs to no position", UNSURE.replace("U95 ", "P11 U95 "), UNSURE),
+    "uncertainty of no position": table(
+        "has no matching columns of a position", UNSURE.replace("U95 ", "P11 U95 "), UNSURE
+    ),
     "uncertainty of no position, ignored": option(
-        "belongs to no position",
+        "has no matching columns of a position",
         with_column("P11 loaded U95 [mm]", "0.02", "0.02", "0.03"),
         ignore=["P11 loaded U95 [mm]"],
     ),
@@ -396,7 +398,7 @@ NAMES = {
         "is not a known state", STATES.replace(";loaded;", ";hung;"), state_words={"hung": "loaded"}
     ),
     "date for a name": Case(
-        "as name",
+        "the name is in a cell of type",
         {"a.xlsx": workbook(change=lambda _book, sheet: setattr(sheet["A2"], "value", True))},
         {"a.xlsx": BOOK},
     ),
@@ -543,14 +545,14 @@ FILES = {
     ),
     "masses alone": Case("masses and no readings", {"m.csv": MASSES}, {"m.csv": MASSES, "a.csv": CAMPAIGN}),
     "masses with an unknown header": masses(
-        "of a table of masses is not known", MASSES.replace("body", "thing")
+        "of a table of masses is unknown", MASSES.replace("body", "thing")
     ),
     "masses without a unit": masses("the unit of 'mass' is not one of", MASSES.replace("mass [kg]", "mass")),
     "masses without a column": masses(
         "the table of masses has no column z", MASSES.replace(";z [mm]", "").replace(";350", "")
     ),
     "masses of other lengths": masses("but the header 6", MASSES.replace(";350", "")),
-    "mass that is none": masses("the row is no body", MASSES.replace("120", "-120")),
+    "mass that is none": masses("the row does not describe a body", MASSES.replace("120", "-120")),
     "two units of lengths": Case(
         "the unit of length is",
         {"j.csv": JOINTS, "a.csv": STATES, "b.csv": STATES.replace("[mm]", "[m]").replace("P10", "P11")},
@@ -562,19 +564,19 @@ FILES = {
         {"a.csv": "# Frame: A\n" + STATES, "b.csv": "# Frame: A\n" + STATES.replace("P10", "P11")},
     ),
     "noise of file and request": Case(
-        "`noise` gives another",
+        "`noise` states another uncertainty",
         {"j.csv": JOINTS, "a.csv": UNSURE},
         options={**SET, "noise": {"sigma": 0.02}},
         stated=SET,
     ),
     "noise of file and request, ignored": Case(
-        "`noise` gives another",
+        "`noise` states another uncertainty",
         {"j.csv": JOINTS, "a.csv": UNSURE},
         options={**SET, "noise": {"sigma": 0.02}},
         stated={**SET, "noise": {"sigma": 0.02}, "ignore": ["U95 x [mm]", "U95 y [mm]", "U95 z [mm]"]},
     ),
     "force of file and request": Case(
-        "`force` gives another",
+        "`force` states another force",
         {"a.csv": CAMPAIGN},
         options={**SET, "force": (0.0, 0.0, -5.0)},
         stated=SET,

@@ -72,7 +72,7 @@ def test_the_uncertainty_of_points_is_that_of_their_readings():
         "every row ends with a delimiter; the empty last column was ignored"
     ]
     assert refusals(joints, ("leica.csv", LEICA), noise={"sigma": 0.01}) == [
-        "the files give the uncertainty of each reading, and `noise` gives another; "
+        "the files give the uncertainty of each reading, and `noise` states another uncertainty; "
         "omit `noise`, or skip the columns of U(95) with `ignore` [noise]"
     ]
     assert answered(("a.csv", LEICA), ignore=["U(95) [mm]"]).uncertainty is None

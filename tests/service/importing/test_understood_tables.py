@@ -168,7 +168,8 @@ def test_a_hung_mass_pulls_down_by_its_weight(header):
 def test_a_hung_mass_stands_in_place_of_forces():
     lines = [f"{';'.join(row)};{'150' if index else 'mass [kg]'}" for index, row in enumerate(ROWS)]
     assert refusals(("a.csv", "\n".join(lines) + "\n")) == [
-        "a.csv:1:14: 'mass [kg]' states the load, and forces state it, too; skip one of them with `ignore`"
+        "a.csv:1:14: 'mass [kg]' states the load, but columns of forces state the load, too; skip one of "
+        "them with `ignore`"
     ]
 
 
@@ -232,7 +233,7 @@ def test_observations_are_held_out_by_a_column():
     assert (answer.leave_out, numbers_of(answer)) == (["c01"], CAMPAIGN_NUMBERS)
     assert answer.assumptions == ["held out from the fit, to judge it: c01"]
     assert refusals(held("yes", "", "0")) == [
-        "a.csv:2:2: 'yes' is neither 0 nor 1; write 1 to hold it out from the fit"
+        "a.csv:2:2: 'yes' is neither 0 nor 1; write 1 to hold the observation out from the fit, else 0"
     ]
 
 

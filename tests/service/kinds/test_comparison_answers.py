@@ -204,14 +204,15 @@ class TestTwoCampaigns:
         with_priors = posted(read, priors=priors)["id"]
         assert told(compared(with_priors)) == (
             f"422 | run_ids | the run '{with_priors}' is with priors: both sets may share its errors, so "
-            "that they are not independent | identify its set by loads without `priors`, and give that "
-            "run"
+            "that they are not independent | identify the measurement set by loads without `priors`, and "
+            "give the new run"
         )
         bent = {"elasticity": "coupled_joints", "link_penalty": 0.1, "loss": "squared"}
         coupled = posted(read, **bent, cross_validation={"folds": 2})["id"]
         assert told(compared(coupled)) == (
-            f"422 | run_ids | two sides compare joints only, not the run '{coupled}' with elasticity "
-            "coupled_joints | identify its set with elasticity `joints`, and give that run"
+            f"422 | run_ids | two sides are compared by their joints only, but the run '{coupled}' has "
+            "elasticity coupled_joints | identify the measurement set with elasticity `joints`, and give the "
+            "new run"
         )
 
     def test_a_joint_at_its_bound_takes_its_ratio_from_the_run_without_constraints(self, local, posted):

@@ -39,7 +39,7 @@ def test_one_reading_identifies_no_joint(deflected):
     assert reasons_of(result) == [
         ("no_joint_identified", "the readings identify no joint: 6 not observable"),
         ("no_residual_freedom", f"{exact}: its uncertainty comes from the stated noise only"),
-        ("few_postures", "1 distinct posture: the stiffnesses were not tested in others"),
+        ("few_postures", "1 distinct posture: the stiffnesses were not tested in other postures"),
     ]
     assert {joint.status for joint in result.joints} == {"not_observable"}
     assert {joint.stiffness for joint in result.joints} == {None}

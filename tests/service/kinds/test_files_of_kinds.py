@@ -124,8 +124,8 @@ class TestGeometry:
         assert targets["rows"] == [["P10", "-800.030(16)", "-0.005(14)", "99.997(27)"]]
         assert found["lines"][:3] == [
             "sigma of a coordinate 10.0 µm (stated), χ²/dof 1.13 with 5 degrees of freedom",
-            "one robot fits all sweeps (noise alone fits no better with probability 80 %)",
-            "the controller's angles fit the readings (noise alone fits no better with probability 30 %)",
+            "one robot fits all sweeps (noise alone gives a worse fit with probability 80 %)",
+            "the controller's angles fit the readings (noise alone gives a worse fit with probability 30 %)",
         ]
         head, rows = rows_of(local, jobs["geometry"], "axes.csv")
         assert head[1] == "point x [m]"

@@ -127,14 +127,14 @@ def test_a_set_that_fails_is_a_row_with_its_problem(parts, claims, sets, two_a_s
 
 
 def test_an_unexpected_fault_in_one_set_is_a_row(parts, claims, sets, two_a_step, monkeypatch):
-    identify = fleet_work.identification
+    identify = fleet_work.prepare_identification
 
     def fail(inputs, request):
         if request.measurement_set_id == sets[3]:
             raise ZeroDivisionError
         return identify(inputs, request)
 
-    monkeypatch.setattr(fleet_work, "identification", fail)
+    monkeypatch.setattr(fleet_work, "prepare_identification", fail)
     job = posted(parts, measurement_set_ids=sets)
     claims.work_all(parts.jobs_of)
     rows = current(parts, job).result.rows
@@ -145,7 +145,7 @@ def test_another_process_gets_the_sets_of_its_step_alone(parts, sets, two_a_step
     """Of 10,000 sets all of them went with each of 1,000 calls."""
     job = posted(parts, measurement_set_ids=sets)
     work = parts.jobs["fleet"].work(job)
-    sizes = [len(pickle.dumps(work.alone(span))) for span in work.steps()]
+    sizes = [len(pickle.dumps(work.detach_for_step(span))) for span in work.steps()]
     assert len(sizes) == 3
     assert sizes[2] < 0.75 * sizes[0], "one set in place of two"
 
@@ -156,7 +156,7 @@ def test_a_database_that_does_not_answer_is_no_failed_fleet(parts, sets, monkeyp
     def away(*_):
         raise StoreUnavailableError("no answer", "try again")
 
-    monkeypatch.setattr(fleet_work, "identification", away)
+    monkeypatch.setattr(fleet_work, "prepare_identification", away)
     with pytest.raises(StoreUnavailableError):
         Parts(parts.store).jobs["fleet"].create(FleetRequest(measurement_set_ids=sets[:1], run=JOINTS), None)
 

@@ -136,7 +136,7 @@ def test_a_cause_is_named_with_its_size_and_fitted_it_stays_refuted(name):
     (reason,) = after.result.assessment.reasons
     assert reason.message == (
         f"{fitted} (95 %) was fitted with the joints; the intervals include its uncertainty, "
-        "and what was stated stays refuted"
+        "and the stated value stays refuted"
     )
     assert [part.source for part in after.result.budget.components] == [
         "readings",
@@ -167,14 +167,15 @@ def moved_since(first):
 def test_since_when_a_tracker_stood_elsewhere_is_said_by_any_label():
     before = js.identify(planted(clean_campaign(), moved_since(9)), elasticity="joints")
     assert before.result.assessment.reasons[0].message == (
-        "with what was read under load moved by (57.3, -0.635, 78.2) µm since observation '{9}', the joints "
-        "explain the readings better than chance allows (F test, p = 8e-31); a compliance changes by 10 %"
+        "with a shift of all readings under load by (57.3, -0.635, 78.2) µm since observation '{9}', the "
+        "joints explain the readings better than chance allows (F test, p = 8e-31); a compliance changes by "
+        "10 %"
     )
     after = before.apply("fit_causes")
     (cause,) = after.request.causes
     assert (cause.name, cause.first) == ("shift", "{9}")
     assert after.result.assessment.reasons[0].message.startswith(
-        "what was read under load moved by (57.3, -0.635, 78.2) µm ± (11.5, 11.5, 11.4) µm "
+        "a shift of all readings under load by (57.3, -0.635, 78.2) µm ± (11.5, 11.5, 11.4) µm "
         "since observation '{9}' (95 %) was fitted with the joints"
     )
 
@@ -187,7 +188,7 @@ def test_a_movement_of_all_loaded_readings_is_fitted_to_a_hundredth_of_a_millime
     after = before.apply("fit_causes")
     assert after.result.assessment.verdict == WITH_CARE
     assert after.result.assessment.reasons[0].message.startswith(
-        "what was read under load moved by (25.8, 1.95, 39.2) µm ± (8.38, 8.32, 8.48) µm (95 %)"
+        "a shift of all readings under load by (25.8, 1.95, 39.2) µm ± (8.38, 8.32, 8.48) µm (95 %)"
     )
 
 
@@ -216,13 +217,13 @@ CAUSES_GIVEN = "give one of: constant_force, load_point, load_zero, play, shift,
     [
         (
             {"causes": [{"name": "ghost"}]},
-            ("run.causes", "the readings have nothing that shows 'ghost'", CAUSES_GIVEN),
+            ("run.causes", "the readings do not show the cause 'ghost'", CAUSES_GIVEN),
         ),
         (
             {"causes": [{"name": "shift", "first": "none"}]},
             (
                 "run.causes",
-                "the readings have nothing that shows 'shift' since observation 'none'",
+                "the readings do not show the cause 'shift' since observation 'none'",
                 CAUSES_GIVEN,
             ),
         ),
@@ -250,7 +251,7 @@ def test_a_cause_that_the_readings_cannot_show_is_refused(options, said):
             {"causes": [{"name": "play"}]},
             (
                 "plan.causes",
-                "causes are fitted to the loaded readings of a campaign",
+                "`causes` need a measured campaign under loads, and this plan continues none",
                 "omit `causes`, or go on with a measured campaign under loads",
             ),
         ),

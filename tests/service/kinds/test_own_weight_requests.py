@@ -98,8 +98,8 @@ def test_noise_that_was_refuted_is_said_with_its_factor(own):
     reasons = js.identify(changed(own, noise)).result.assessment.reasons
     assert [reason.message for reason in reasons] == [
         "the residuals give a standard uncertainty of 28.7 µm per coordinate of a reading, 28.7 times the "
-        "1 µm that were stated and that they refuted: what the model leaves unexplained counts as noise, and "
-        "may be no noise"
+        "1 µm that were stated and that they refuted: deflections that the model does not explain are "
+        "counted as noise"
     ]
 
 
@@ -189,12 +189,12 @@ class TestWhatOwnWeightDoesNotKnow:
         )
         area = [[1.0, 0.0, 1.0], [2.0, 1.0, 2.0]]
         assert told(plan(stiffness={"joint_2": 3e6}, work_area=area)) == (
-            "422 | load | a plan for own weight knows no work area, no tracker's station and no "
-            "directions of gauges | leave `work_area`, `tracker` and `directions` out; `sigma` states "
-            "the readings"
+            "422 | load | a plan for own weight supports neither a work area nor a tracker's station nor "
+            "directions of gauges | omit `work_area`, `tracker` and `directions`; give the noise of the "
+            "readings as `sigma`"
         )
         assert told(plan(**guess, load=on_a_wall | {"estimate_gravity": True})) == (
-            "422 | load | a plan for own weight knows no balancers and no gravity that is estimated | "
+            "422 | load | a plan for own weight supports neither balancers nor an estimate of gravity | "
             "state `gravity`; choose postures by hand for a robot with balancers"
         )
         left_out = [plan(**guess, **load).json()["result"]["left_out"] for load in ({"load": on_a_wall}, {})]
@@ -230,9 +230,9 @@ class TestWhatOwnWeightDoesNotKnow:
         for run, more in ((stored, {"masses": MASSES}), (loaded, {})):
             asked = still | {"run_id": run["id"]} | more
             assert told(local.request("POST", "/v1/deflections", json=asked)) == (
-                f"422 | absolute | sag takes the own weight of the run: '{run['id']}' has none, or masses "
-                "are "
-                "stated, too | choose a run with `weight` and without balancers, and leave `masses` out"
+                f"422 | absolute | `absolute` uses the own weight of run '{run['id']}': it has none, or "
+                "masses are given, too | choose a run with `weight` and without balancers, and leave "
+                "`masses` out"
             )
 
     def test_the_trend_of_a_robot(self, local, stored):
@@ -242,6 +242,7 @@ class TestWhatOwnWeightDoesNotKnow:
             {
                 "measurement_set_id": set_id,
                 "name": "unloaded, 30 configurations",
-                "reason": "it is by own weight, so that an error of the masses shifts all stiffnesses",
+                "reason": "it was identified by own weight, so that an error of the masses shifts all "
+                "stiffnesses",
             }
         ]

@@ -32,13 +32,12 @@ def test_the_terminal_says_what_masses_make_up_of_each_interval(tmp_path, own):
         "joint_1: gravity does not load it in any of the postures: pull across it with a known force",
         "explains 98.9 % of the mean deflection, residual 42.5 µm rms (3-D), sigma of a reading "
         "30 µm (given)",
-        "uncertain masses make up of each interval: joint_2 35 %, joint_3 68 %, joint_4 18 %, joint_5 42 %, "
+        "share of uncertain masses in each interval: joint_2 35 %, joint_3 68 %, joint_4 18 %, joint_5 42 %, "
         "joint_6 27 %",
-        "the best geometry of an arm that does not bend leaves 249 µm rms of a coordinate, with "
-        "sag it leaves "
-        "26.9 µm",
-        "warning: the readings do not check the mass of link 2, link 3, link 4, link 5, link 6: twice that "
-        "stated may not show, and changes a compliance by up to 1.1e+02 %; be sure of these "
+        "without sag, the best geometry leaves 249 µm rms of a coordinate; with sag, 26.9 µm",
+        "warning: the readings do not check the mass of link 2, link 3, link 4, link 5, link 6: twice the "
+        "stated mass might not be noticed, and would change a "
+        "compliance by up to 1.1e+02 %; be sure of these "
         "masses, or hang a "
         "known payload in half of the postures",
         "χ²/dof 0.85: consistent with sigma (1 if model and sigma are right; 165 degrees of freedom)",

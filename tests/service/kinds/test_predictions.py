@@ -206,5 +206,5 @@ def test_what_is_known_beforehand_counts(parts, robot):
 @pytest.mark.parametrize("second", [{}, {"P11": (0.0, 0.0, 0.0)}, {"P12": (0.0, 0.0, 1.0)}])
 def test_each_target_faces_somewhere_or_none_does(second):
     facing = Surroundings.model_construct(facing={"P10": (0.0, 0.0, 1.0)} | second)
-    with pytest.raises(RequestError, match="facing directions"):
+    with pytest.raises(RequestError, match="`facing` has directions for P10"):
         _cell(facing, ("P10", "P11"))

@@ -13,7 +13,7 @@ from support.refusals import refused, told
 import jointstiff as js
 from jointstiff.schemas.deflection import DeflectionRequest
 from jointstiff.schemas.robot import DhRow
-from jointstiff.service.runs.deflection import load_cases, read_load_cases
+from jointstiff.service.runs.deflection import convert_load_cases, read_load_cases
 from jointstiff.simulator import TARGETS, default_arm, robot_document
 from jointstiff.solver.mechanics.chain import dh_chain
 from jointstiff.solver.mechanics.robot import Robot
@@ -135,12 +135,14 @@ class TestPredictions:
             case = {"joints": 32 * [0.0], "force": [200.0, 300.0, -800.0]}
             units = {"length": "mm", "angle": "deg", "force": "N"}
             of_run = {"run_id": "any", "units": units, "load_point": [0, 0, 120.0]}
-            return load_cases(DeflectionRequest.model_validate(of_run | {"cases": count * [case]}), snake)
+            return convert_load_cases(
+                DeflectionRequest.model_validate(of_run | {"cases": count * [case]}), snake
+            )
 
         assert len(asked(146).joints) == 146
         assert refused(asked, 147) == (
-            "cases | 147 cases for 32 joints: cases times joints squared exceed 150,000 | ask for at "
-            "most 146 at a time"
+            "cases | 147 cases for 32 joints: cases times joints squared exceed 150,000 | send at "
+            "most 146 cases in a request"
         )
 
     def test_cells_of_a_table_are_in_the_units_of_its_head_and_options_in_their_own(self, tmp_path):

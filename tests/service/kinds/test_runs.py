@@ -42,7 +42,7 @@ from jointstiff.solver.links.competition import Competition, Winner
 from jointstiff.solver.links.fit import EffectiveCompliances
 from jointstiff.solver.links.model import LINKS_ALONE
 from jointstiff.solver.predict.answers import forward_model
-from jointstiff.solver.result import choice_by_comparison
+from jointstiff.solver.result import describe_choice_by_comparison
 
 VIEW = View(True, UNITS["MNm/rad"])
 OPTIONS = {"elasticity": "joints_and_links", "link_penalty": 1e-3, "cross_validation": {"folds": 3}}
@@ -185,8 +185,8 @@ def test_a_compliance_that_is_rounding_is_shown_as_rigid():
         effective_freedom=5.0,
         parameters=21,
     )
-    assert run_module._principal(bends, "translation") == "2, 1, 0"
-    assert run_module._principal(bends, "rotation") == "500, 400, 0"
+    assert run_module._principal_compliances(bends, "translation") == "2, 1, 0"
+    assert run_module._principal_compliances(bends, "rotation") == "500, 400, 0"
     *_, compliance, stiffness = run_module._base_table(bends).columns
     assert compliance.values[:3] == ("2 µm/kN", "1 µm/kN", "0 µm/kN")
     assert stiffness.values[:3] == ("500 N/µm", "1000 N/µm", "rigid")
@@ -321,17 +321,17 @@ def test_a_tied_model_without_a_certified_optimum_fails_no_run(monkeypatch, docu
     class Tied(Competition):
         _requested = None
 
-        def _fit(self, chosen, _):
+        def _fit_with_chosen_penalty(self, chosen, _):
             if chosen.model in uncertified:
                 raise UnsupportedMethodError("no certified optimum", where="link_penalty", remedy="")
             return base if chosen.model == "joints_and_base" else chosen.model
 
-        def _effective(self, _, widest):
+        def _compute_effective(self, _, widest):
             name = widest if isinstance(widest, str) else "joints_and_base"
             return EffectiveCompliances(np.array([2.0]), np.array(places[name]), 2.0)
 
     monkeypatch.setattr(competition, "replace", replace_in)
-    elastic = object.__new__(Tied)._whole_set(TIE.models[1], TIE, {})
+    elastic = object.__new__(Tied)._fit_whole_set(TIE.models[1], TIE, {})
     high = 3.0 if intervals is None else places[intervals][0][1]
     assert (elastic.effective.ends.tolist(), elastic.intervals) == ([[1.0, high]], "joints_and_base")
     prediction = elastic.estimate.prediction
@@ -341,7 +341,7 @@ def test_a_tied_model_without_a_certified_optimum_fails_no_run(monkeypatch, docu
     assert finding.weight == "use_with_care"
     assert ("contain the values of both" in finding.message) == (intervals is not None)
     screening = SimpleNamespace(links_p_value=1e-9)
-    choice = choice_by_comparison(Winner(TIE, TIE.models[1], elastic, given=False), screening)
+    choice = describe_choice_by_comparison(Winner(TIE, TIE.models[1], elastic, given=False), screening)
     assert ("contain both models' values" in choice.message) == (intervals is not None)
     assert ("are of joints and base alone" in choice.message) == (intervals is None)
 
@@ -359,7 +359,7 @@ def test_a_base_or_links_that_predict_alike_are_a_tie(monkeypatch, certified):
     """Intervals contain the values of both, if a model with links alone has a certified optimum."""
     pedestal = pedestal_campaign(default_arm(), 2e7, configurations=12, sigma=6e-5, seed=2)
     options = {"loss": "squared", "cross_validation": {"folds": 3, "draws": 1}}
-    fit = competition.first_certified
+    fit = competition.fit_first_certified
 
     def only_of_a_base(folds, model, weights):
         if model.name in LINKS_ALONE:
@@ -371,7 +371,7 @@ def test_a_base_or_links_that_predict_alike_are_a_tie(monkeypatch, certified):
         for name in ("joints_and_base", "diagonal_links")
     }
     if not certified:
-        monkeypatch.setattr(competition, "first_certified", only_of_a_base)
+        monkeypatch.setattr(competition, "fit_first_certified", only_of_a_base)
     result = jointstiff.identify(pedestal, **options).result
     assert (result.choice.elasticity, result.assessment.verdict) == ("joints_and_base", "use_with_care")
     (reason,) = (each for each in result.assessment.reasons if each.code == "links_or_base")

@@ -285,12 +285,12 @@ class TestThePlansListIsFilledIn:
         [
             (
                 ("joint_1 [mm]", "joint_1 [deg]"),
-                "joint joint_1 is read as an angle, but the robot's is prismatic; give its lengths, in "
+                "joint joint_1 is read as an angle, but in the robot it is prismatic; give its lengths, in "
                 "`units.length`, or check the robot and the order of the joints",
             ),
             (
                 ("joint_2 [deg]", "joint_2 [mm]"),
-                "joint joint_2 is read as a length, but the robot's is revolute; give its angles, in "
+                "joint joint_2 is read as a length, but in the robot it is revolute; give its angles, in "
                 "`units.angle`, or check the robot and the order of the joints",
             ),
         ],
@@ -319,7 +319,7 @@ class TestWhatDoesNotGoWithASlide:
     def test_angles_of_a_spindle(self):
         document = changed(sliding("scara", SI), ("measurement_set.joint_kinds", ["revolute"] * 4))
         assert refused(js.identify, document) == (
-            "measurement_set.joint_kinds | joint joint_3 is read as an angle, but the robot's is "
+            "measurement_set.joint_kinds | joint joint_3 is read as an angle, but in the robot it is "
             "prismatic | give its lengths, in `units.length`, or check the robot and the order of the "
             "joints"
         )
@@ -350,8 +350,8 @@ class TestWhatDoesNotGoWithASlide:
         units = {"length": "m", "angle": "rad"}
         cell = {"name": "cell", "robot": document["robot"], "units": units, "poses": poses}
         assert refused(js.geometry, cell) == (
-            "robot | axes are identified of revolute joints only, but joint_1 slides | fix it in the "
-            "model (URDF: type fixed, at its present position), and omit it from the readings; "
+            "robot | only axes of revolute joints can be identified, but joint_1 is prismatic | fix it in "
+            "the model (URDF: type fixed, at its present position), and omit it from the readings; "
             "or use the nominal model"
         )
 
@@ -361,5 +361,5 @@ class TestWhatDoesNotGoWithASlide:
         run = js.identify(document)
         assert (run.state, run.error.detail) == (
             "failed",
-            "axes are identified of revolute joints only, but joint_1 slides",
+            "only axes of revolute joints can be identified, but joint_1 is prismatic",
         )

@@ -135,7 +135,7 @@ def test_a_movement_of_all_loaded_readings_is_no_force(clean):
     (reason,) = (
         reason for reason in run.result.assessment.reasons if reason.code == "alternative_explains_better"
     )
-    assert "what was read under load moved by" in reason.message
+    assert "of all readings under load by" in reason.message
     assert "read a posture again without the load" in reason.remedy
     assert [cause.name for cause in run.apply("fit_causes").request.causes] == ["shift"]
 

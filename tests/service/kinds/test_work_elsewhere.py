@@ -68,7 +68,7 @@ ANY_STEP = (0, 1)
 
 def test_work_keeps_arrays_whose_layout_survives_pickling(work):
     layouts = Layouts()
-    layouts.dump(work.alone(ANY_STEP))
+    layouts.dump(work.detach_for_step(ANY_STEP))
     assert layouts.changed == []
 
 
@@ -86,15 +86,18 @@ def test_work_that_has_computed_steps_still_pickles(work):
     """What a step compiled for the next ones is kept with the work."""
     for span in work.steps()[:2]:
         work.compute(span)
-    pickle.dumps(work.alone(ANY_STEP))
+    pickle.dumps(work.detach_for_step(ANY_STEP))
 
 
 def test_work_that_is_cut_into_steps_has_the_same_bits_elsewhere(work):
     for span in work.steps()[:8]:
-        expected, found = work.compute(span), pickle.loads(pickle.dumps(work.alone(span))).compute(span)
+        expected, found = (
+            work.compute(span),
+            pickle.loads(pickle.dumps(work.detach_for_step(span))).compute(span),
+        )
         assert found.keys() == expected.keys()
         for name in expected:
             np.testing.assert_array_equal(found[name], expected[name])
     if not work.steps():
-        same = pickle.loads(pickle.dumps(work.alone(ANY_STEP)))
+        same = pickle.loads(pickle.dumps(work.detach_for_step(ANY_STEP)))
         assert same.conclude([]).model_dump(mode="json") == work.conclude([]).model_dump(mode="json")

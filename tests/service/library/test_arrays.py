@@ -136,8 +136,8 @@ CELLS = "give finite numbers of shape (3,) or (6, 3)"
         ),
         (
             {"joints": "x"},
-            "`joints` is no array of numbers: could not convert string to float: 'x'; remedy: give an array, "
-            "lists of equal lengths, or columns of a data frame; NaN for what was not read",
+            "`joints` is not an array of numbers: could not convert string to float: 'x'; remedy: give an "
+            "array, lists of equal lengths, or columns of a data frame; NaN for what was not read",
         ),
         (
             {"joints": np.zeros((0, 6))},

@@ -148,7 +148,7 @@ def test_a_result_is_saved_by_the_ending_of_its_file(results, name, tmp_path, mo
     assert [row[-1] for row in rows] == ["use"] * (len(lines) - 1)
     assert len(result.to_frame()) == len(rows)
     with pytest.raises(
-        ValueError, match=f"there is no table 'nothing': its tables are {', '.join(TABLES[name])}"
+        ValueError, match=f"the result has no table 'nothing': its tables are {', '.join(TABLES[name])}"
     ):
         result.to_frame("nothing")
 
@@ -192,11 +192,11 @@ def test_residuals_and_configurations_are_tables_of_their_own(results):
         (
             lambda _, document: js.identify(document, method="magic"),
             "1 fault; first: method: must be 'complete_pose', 'partial_pose' or 'decoupled_partial_pose'; "
-            "remedy: use one of the words named, as they are written",
+            "remedy: use one of these words exactly as written",
         ),
         (
             lambda _, document: js.identify(document, colour=1),
-            "1 fault; first: colour: unknown field; remedy: remove it, or check its spelling",
+            "1 fault; first: colour: unknown field; remedy: remove this field, or check its spelling",
         ),
         (
             lambda run, _: js.map(run),
@@ -230,7 +230,7 @@ def test_what_does_not_fit_is_a_campaign_error_with_a_remedy(run, document, call
 
 
 def test_what_is_not_there_is_the_error_of_python(run):
-    with pytest.raises(KeyError, match="there is no joint 'joint_9': the joints are joint_1, joint_2"):
+    with pytest.raises(KeyError, match="the robot has no joint 'joint_9': its joints are joint_1, joint_2"):
         run.joints["joint_9"]
     with pytest.raises(FileNotFoundError, match=r"nowhere\.json"):
         js.identify("nowhere.json")

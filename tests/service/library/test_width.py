@@ -163,7 +163,7 @@ def test_one_campaign_in_place_of_several_is_refused():
 def test_what_is_no_campaign_is_a_failed_run_among_others(pool):
     runs = list(js.identify_many([DOCUMENT, None, DOCUMENT], executor=pool, elasticity="joints"))
     assert [run.state for run in runs] == ["succeeded", "failed", "succeeded"]
-    assert runs[1].error.detail.startswith("a NoneType is no campaign")
+    assert runs[1].error.detail.startswith("a NoneType cannot be read as a campaign")
 
 
 # ---- an executor's calls

@@ -61,15 +61,15 @@ def with_less_force(reading, _first):
             4.7063e-3,
             0.0,
             ["the force has the opposite sign", "unloaded and loaded readings are exchanged"],
-            "4.71 mm from where the others put it: the force has the opposite sign or unloaded and loaded "
-            f"readings are exchanged? {AGAIN}",
+            "4.71 mm from where the other readings predict it: the force has the opposite sign or "
+            f"unloaded and loaded readings are exchanged? {AGAIN}",
         ),
         (
             with_angles_of_the_first,
             11.545e-3,
             0.0,
             ["the joint angles are those of 'm01'"],
-            f"11.5 mm from where the others put it: the joint angles are those of 'm01'? {AGAIN}",
+            f"11.5 mm from where the other readings predict it: the joint angles are those of 'm01'? {AGAIN}",
         ),
         (
             with_exchanged_targets,
@@ -82,9 +82,12 @@ def with_less_force(reading, _first):
             with_less_force,
             3.7462e-4,
             0.0,
-            ["the arm or the tracker moved between the two readings", "the force is another than stated"],
-            "375 µm from where the others put it: the arm or the tracker moved between the two readings or "
-            f"the force is another than stated? {AGAIN}",
+            [
+                "the arm or the tracker moved between the two readings",
+                "the force differs from the stated one",
+            ],
+            "375 µm from where the other readings predict it: the arm or the tracker moved between the "
+            f"two readings or the force differs from the stated one? {AGAIN}",
         ),
     ],
 )
@@ -108,7 +111,7 @@ def test_a_mistake_is_named_at_its_reading_and_gone_once_it_is_withdrawn(
 def test_a_reading_that_the_set_has_not_is_not_withdrawn(client):
     problem = patch(client, declared(client), {"withdrawn": {"m77": "?"}}, 422)
     assert (problem["where"], problem["detail"]) == ("withdrawn", "the set has no observation 'm77'")
-    assert problem["remedy"] == "give labels of its readings"
+    assert problem["remedy"] == "give labels of readings of this set"
 
 
 def test_a_mistake_that_is_kept_never_reaches_the_goal_and_its_withdrawal_does(client):
@@ -160,8 +163,8 @@ def test_the_next_posture_is_skipped_for_another_and_no_other_is(client):
     address = declared(client)
     skipped = measured(client, address, 1)["next"]
     problem = patch(client, address, {"skipped": "m01"}, 422)
-    assert (problem["where"], problem["detail"]) == ("skipped", "'m01' is not what is read next")
-    assert problem["remedy"] == "ask what is next"
+    assert (problem["where"], problem["detail"]) == ("skipped", "'m01' is not the next reading")
+    assert problem["remedy"] == "get the state of the set, which names the next reading"
     patch(client, address, {"skipped": skipped["label"]})
     following = state_of(client, address)["next"]
     assert following["label"] == skipped["label"] == "m02"

@@ -17,8 +17,8 @@ from jointstiff.simulator import LOAD_POINT, robot_document, simulate_campaign
 from jointstiff.solver.errors import RequestError
 
 DOUBT = (
-    "3.77 mm from where the others put it: the force has the opposite sign or unloaded and loaded readings "
-    "are exchanged? Read it again before the load is taken off."
+    "3.77 mm from where the other readings predict it: the force has the opposite sign or unloaded and "
+    "loaded readings are exchanged? Read it again before the load is taken off."
 )
 AGAINST = (
     "under 1471 N the targets moved opposite to the prediction from the other observations, by 2.99 mm; "
@@ -57,7 +57,7 @@ def test_before_the_first_reading_all_is_open_but_what_the_load_never_twists(cli
     assert (following["label"], following["block"], following["held_out"]) == ("m01", 1, False)
     assert following["joints"][:3] == pytest.approx([0.20944, 0.92502, -0.41888], abs=1e-4)
     assert following["force"] == pytest.approx([0.0, 0.0, -1471.0], abs=0.1)
-    assert following["reason"] == "it tells most of joint_2, which is farthest from the goal"
+    assert following["reason"] == "it helps joint_2 most, the joint that is farthest from the goal"
 
 
 def test_a_load_in_any_direction_twists_every_joint(client):
@@ -65,7 +65,7 @@ def test_a_load_in_any_direction_twists_every_joint(client):
     assert [each["reason"] for each in state["joints"]] == [None] * 6
     assert state["next"]["force"] == pytest.approx([-360.3, 434.56, 700.96], abs=0.1)
     assert np.linalg.norm(state["next"]["force"]) == pytest.approx(900.0, rel=1e-3)
-    assert state["next"]["reason"] == "it tells most of joint_1, which is farthest from the goal"
+    assert state["next"]["reason"] == "it helps joint_1 most, the joint that is farthest from the goal"
 
 
 def test_what_is_declared_is_filled_up_with_defaults(client):
@@ -94,13 +94,13 @@ def test_one_reading_gives_numbers_that_are_used_with_care(client):
     assert (assessment["verdict"], assessment["joints_identified"]) == ("use_with_care", 5)
     (reason,) = assessment["reasons"]
     assert reason["code"] == "few_postures"
-    assert reason["message"] == "1 distinct posture: the stiffnesses were not tested in others"
+    assert reason["message"] == "1 distinct posture: the stiffnesses were not tested in other postures"
     assert reason["remedy"] == "measure at least 3 postures that differ by 5° or more"
     assert assessment["notes"] == [
         "Forces up to 1471 N (150 kgf), deflections up to 4.62 mm. If N and kgf are confused, every "
         "stiffness is wrong by 9.81, and no reading shows it."
     ]
-    assert state["next"]["reason"] == "it tells most of joint_4, which is farthest from the goal"
+    assert state["next"]["reason"] == "it helps joint_4 most, the joint that is farthest from the goal"
 
 
 def test_a_mistake_at_the_second_reading_is_named_at_once_and_better_with_the_third(client):
@@ -168,8 +168,8 @@ def test_no_further_readings_reach_the_goal_beside_a_mistake(client, mistaken):
             {"label": "m01"},
             409,
             None,
-            "the set has another observation 'm01'",
-            "another device may have sent it: ask what is next, and send this one with a label of its own",
+            "the set already has a different observation with the label 'm01'",
+            "another device may have sent that observation: send this observation with another label",
         ),
         (
             {"joints": [0.0]},

@@ -219,7 +219,7 @@ def test_a_line_among_rubbish_is_read_and_the_rubbish_said(campaign):
             live.run_source(most=1)
             assert live.count == 1
     assert len(said) == 6
-    assert "'# 1' is no reading" in said[0]
+    assert "'# 1' is not a reading" in said[0]
 
 
 def test_udp_is_listened_to_and_what_came_before_does_not_count():
@@ -331,7 +331,7 @@ def test_what_is_no_position_is_refused():
     rubbish = [(tuple(THERE[0]), sigma) for sigma in (0.0, -1e-5, 1.0, np.nan)]
     rubbish += [np.roll([part, 1.0, 1.0], k) for part in (-100.1, 100.1, np.inf, np.nan) for k in range(3)]
     for point in rubbish:
-        with pytest.raises(SourceError, match="is no position of a target"):
+        with pytest.raises(SourceError, match="cannot be the position of a target"):
             shown([point])
 
 

@@ -52,5 +52,5 @@ def test_a_source_is_a_class_with_one_method_that_an_entry_point_names(monkeypat
         live.run_source()
     assert opened == ["here"]
     assert str(refused.value) == (
-        "P10: (1, 2, nan) m is no position of a target: look at the unit and the columns of the source"
+        "P10: (1, 2, nan) m cannot be the position of a target: check the unit and the columns of the source"
     )

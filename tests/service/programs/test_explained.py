@@ -108,7 +108,9 @@ def test_moves_of_the_other_languages_are_told_alike():
     )
 
 
-NO_POSE = "the target is no whole pose or angles in numbers, or the text after it is unknown"
+NO_POSE = (
+    "the target is neither a whole pose nor all joint angles in numbers, or the text after it is unknown"
+)
 AXIS = "an external axis or another group is away from zero, and may carry the arm or the part"
 CARRY = (
     "state `external_axes: carry_nothing` if it carries neither the arm nor the part; else keep it at zero"
@@ -137,7 +139,7 @@ LEFT = {
         "a.LS",
         "/PROG A\n/MN\n   1:L PR[1] 10mm/sec FINE ;\n/POS\n/END\n",
         3,
-        "'L PR[1]10 mm/sec FINE': the target is no position in /POS",
+        "'L PR[1]10 mm/sec FINE': the target is not a position in /POS",
         OF_FANUC,
     ),
     "a position that was not recorded": (
@@ -152,7 +154,7 @@ LEFT = {
         "a.script",
         "def a():\n  x = [d2r(1),0,0,0,0,0]\n  movej(x)\nend",
         3,
-        "the target 'x' is not given by constant numbers: x gets what is no number",
+        "the target 'x' is not given by constant numbers: x gets a value that is not a number",
         OF_UR,
     ),
     "a quaternion of length zero": (
@@ -166,7 +168,7 @@ LEFT = {
         "a.csv",
         "x [mm],y [mm],z [mm]\n1,2,a\n",
         2,
-        "'a' in column 3 is no number",
+        "'a' in column 3 is not a number",
         "write a number",
     ),
     "a comma in a cell": (
@@ -207,7 +209,7 @@ def test_a_target_in_two_bases_is_left_at_both_of_its_moves():
 
 NOT_CNC = "programs of CNC, APT and CLS are not read"
 ITS_LANGUAGE = "write it in the controller's own language, or as a table of targets (CSV)"
-BRACES = "more than 16 braces within one another; declare inner structures on their own"
+BRACES = "braces are nested more than 16 deep; declare inner structures on their own"
 UNITS = "the columns of the targets have no units, different ones, or those of another quantity"
 REFUSED = {
     "G code": ("a.nc", "GOTO/1,2,3", f"'a.nc': {NOT_CNC}; {ITS_LANGUAGE}"),
@@ -222,7 +224,7 @@ REFUSED = {
     "two bytes a character": (
         "a.src",
         "\0",
-        "'a.src': the file is not text in one byte a character; save it as plain text, not as UTF-16 or binary",
+        "'a.src': the file is not text with one byte per character; save it as plain text, not as UTF-16 or binary",
     ),
     "a long line": (
         "a.src",
@@ -276,7 +278,7 @@ def test_two_files_of_a_language_with_one_are_refused():
     with pytest.raises(ProgramError) as refused:
         explained([("a.mod", b"MODULE a\nENDMODULE"), ("b.mod", b"MODULE a\nENDMODULE")])
     remedy = "send one program; with KUKA's .src its .dat and $config.dat"
-    assert str(refused.value) == f"'b.mod': one file too many; {remedy}"
+    assert str(refused.value) == f"'b.mod': there are more files than one program has; {remedy}"
 
 
 @pytest.mark.parametrize("statement", ["LIN {}", "P1={}", "DECL FDAT F={}", "FDAT_ACT={}", "TOOL_DATA[1]={}"])
@@ -290,7 +292,7 @@ def test_braces_within_one_another_are_refused_wherever_they_stand(statement):
 def test_sixteen_braces_are_read_and_seventeen_are_not():
     inner = "x={}"
     read("a.src", krl(f"LIN {PLACE}", inner.format("{A " * 16 + "1" + "}" * 16)), leave_others=True)
-    with pytest.raises(ProgramError, match="more than 16 braces"):
+    with pytest.raises(ProgramError, match="braces are nested more than 16 deep"):
         read("a.src", krl(f"LIN {PLACE}", inner.format("{A " * 17 + "1" + "}" * 17)), leave_others=True)
 
 
@@ -360,9 +362,9 @@ def test_decimal_commas_of_a_table_are_read_and_written():
 def test_an_axis_of_a_tool_takes_the_angle_about_it_from_the_request():
     """The axis of any length is z; x is the stated direction, made perpendicular to it."""
     axes = read("a.csv", "x [mm],y [mm],z [mm],i,j,k\n10,20,30,0,0.6,0.8\n11,20,30,0,1.2,1.6\n")
-    used = ProgramFrames.of(axes, request("csv", "", tool_x=[2.0, 0.0, 0.0]))
+    used = ProgramFrames.from_program(axes, request("csv", "", tool_x=[2.0, 0.0, 0.0]))
     every = np.arange(2)
-    found = (used.flange_poses(axes, every) @ used.tool.of(every))[:, :3, :3]
+    found = (used.flange_poses(axes, every) @ used.tool.select(every))[:, :3, :3]
     turned = [[1.0, 0.0, 0.0], [0.0, -0.8, -0.6], [0.0, 0.6, -0.8]]
     np.testing.assert_allclose(found, [turned, turned], atol=1e-12)
 

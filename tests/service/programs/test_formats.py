@@ -14,7 +14,7 @@ from jointstiff.service.problems import problem_of
 from jointstiff.service.programs import columns
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import FORMATS, MARK, read_program
-from jointstiff.service.programs.notation import Notation, Orientation, written
+from jointstiff.service.programs.notation import Notation, Orientation, format_new_numbers
 
 PROGRAMS = {
     "krl": (["cell.src", "cell.dat"], ["SPINDLE_ON"]),
@@ -157,7 +157,7 @@ def test_a_number_is_written_with_its_digits_and_differs_where_they_do(cases, ch
         line = f"12.3456789 {old}"
         spans = np.array([(0, 10), (11, len(line))], dtype=np.int32)
         signs, read = np.frombuffer(line.encode(), dtype=np.uint8), np.array(line.split(), dtype=float)
-        texts, differ = written(signs, spans, np.array([0.5, float(new)]), read, np.array([3, 3]))
+        texts, differ = format_new_numbers(signs, spans, np.array([0.5, float(new)]), read, np.array([3, 3]))
         assert (texts, differ[1]) == (["0.5000000", text], changes)
 
 

@@ -11,7 +11,7 @@ from jointstiff.solver.errors import RequestError
 TEXT = program_text("krl", tool_poses(path(4)), 4)
 HEADER = "point,Fx [N],Fy [N],Fz [N]"
 COLUMNS = "write `point`, then Fx [N], Fy [N], Fz [N], and, if there are moments, Mx [N.m] …"
-ONCE = "number them 1 to 4"
+ONCE = "number the points from 1 to 4"
 
 
 def moved_lines(result):
@@ -41,7 +41,7 @@ def test_points_that_a_table_omits_have_no_load():
 REFUSED = {
     "an unknown header": (
         "point,Fx [N],Fq [N],Fz [N]\n1,0,0,9\n",
-        f"loads:1: the header 'Fq [N]' is not known; {COLUMNS}",
+        f"loads:1: the header 'Fq [N]' is not understood; {COLUMNS}",
     ),
     "no column of Fz": (
         "point,Fx [N],Fy [N]\n1,0,0\n",

@@ -176,7 +176,7 @@ EVERY = [(name, word) for name, words in _WORDS.items() for word in words]
 @examples(200)
 @given(angle=st.floats(-9.0, 9.0).filter(lambda angle: abs(angle) > 1e-6), before=st.integers(0, 63))
 def test_what_is_written_holds_the_angle(name, word, angle, before):
-    number = word.rewritten(before, angle)
+    number = word.update_number(before, angle)
     ((low, high),) = word.ranges(np.array([float(number)]))
     assert low - 1e-9 <= angle <= high + 1e-9
     width = {"sign": np.inf, "quadrant": np.pi / 2, "turn": 2 * np.pi}[word.kind]

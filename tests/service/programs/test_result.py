@@ -189,9 +189,9 @@ def test_corrections_beyond_the_limits_are_refused_unless_that_is_accepted():
     assert worst.correction / worst.deflection == pytest.approx(worst.share, rel=0.05)
 
 
-UNREACHED = "the robot does not reach it; check tool, base, `world` and `flange`"
+UNREACHED = "the robot does not reach this target; check tool, base, `world` and `flange`"
 NO_NUMBERS = (
-    "tools: the program names 'TOOL_DATA[1]', but has no numbers for it; give them: "
+    "tools: the program names 'TOOL_DATA[1]', but has no numbers for it; give the numbers: "
     "{'name': 'TOOL_DATA[1]', 'values': [...]}"
 )
 TWICE = "tools: a frame is given twice; give each frame once"
@@ -221,11 +221,11 @@ REFUSED = {
     ),
     "a load of no move": (
         {"load": None, "segments": [{"first_line": 1, "last_line": 2, "force": FORCE}]},
-        "segments: no move is under load; give lines or points of moves for the loads",
+        "segments: no move is under load; give lines with moves, or points of moves, for the loads",
     ),
     "a table that is not there": (
         {"loads": "a.csv", "load": None},
-        "loads: this file was not sent; send the table of loads with the files",
+        "loads: the table of loads was not sent; send it with the files of the program",
     ),
     "a moment without a unit": (
         {"load": {"force": [0, 0, 0], "moment": [1, 0, 0]}},
@@ -286,7 +286,10 @@ MORE = ["LIN XP9", "LIN {X 1803,Y 290,Z 1505,A 18,B 140,C 9}:{X 1}", "PTP HOME",
 UNCERTAIN = KRL.replace("END\r\n", "\r\n".join([*MORE, "END", ""]))
 NUMBERS = "write X, Y, Z, A, B, C (or A1 ... A6) in numbers, and send the .dat that declares them"
 NO_XP9 = f"the target 'XP9' is not given by constant numbers; {NUMBERS}"
-NO_POSE = f"the target is no whole pose or angles in numbers, or the text after it is unknown; {NUMBERS}"
+NO_POSE = (
+    "the target is neither a whole pose nor all joint angles in numbers, or the text after it is unknown; "
+    f"{NUMBERS}"
+)
 
 
 def test_a_program_with_uncertain_moves_is_refused_with_all_of_them():

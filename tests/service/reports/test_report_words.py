@@ -323,20 +323,20 @@ def test_forces_of_several_sizes_are_said_from_the_least_to_the_greatest(laborat
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("name = ", "lab.toml is not TOML: Invalid value (at end of document): correct it there"),
-        ("", "lab.toml: name: Field required: see docs/report.md for its fields"),
+        ("name = ", "lab.toml is not TOML: Invalid value (at end of document): correct the file"),
+        ("", "lab.toml: name: Field required: see docs/report.md for the fields"),
         (
             'name = "x"\ncolour = "red"\n',
-            "lab.toml: colour: Extra inputs are not permitted: see docs/report.md for its fields",
+            "lab.toml: colour: Extra inputs are not permitted: see docs/report.md for the fields",
         ),
         (
             'name = "a\\u0007b"\n',
             "lab.toml: name: Value error, must be printable text without leading or trailing blanks: see "
-            "docs/report.md for its fields",
+            "docs/report.md for the fields",
         ),
         (
             'name = "x"\nlogo = "../x"\n',
-            "logo: '../x' is not the name of a file: put it into the folder of the settings",
+            "logo: '../x' is not the name of a file: put the logo into the folder of the settings",
         ),
         (
             'name = "x"\nlogo = "x.svg"\n',
@@ -344,7 +344,7 @@ def test_forces_of_several_sizes_are_said_from_the_least_to_the_greatest(laborat
         ),
         (
             'name = "x"\ncountry = "France"\n',
-            "lab.toml: country: String should match pattern '^[A-Z]{2}$': see docs/report.md for its fields",
+            "lab.toml: country: String should match pattern '^[A-Z]{2}$': see docs/report.md for the fields",
         ),
     ],
 )

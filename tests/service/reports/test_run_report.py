@@ -31,18 +31,18 @@ from jointstiff.service import reports as service_reports
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.kinds.map.kind import area
 from jointstiff.service.reports.certificate import NAMESPACES, certificate
-from jointstiff.service.reports.exports import ExportedModel, joints_csv
+from jointstiff.service.reports.exports import ExportedModel, write_joints_csv
 from jointstiff.service.reports.laboratory import LaboratorySettings
-from jointstiff.service.reports.pictures import arm, bars, intervals
+from jointstiff.service.reports.pictures import draw_arm, draw_bars, draw_intervals
 from jointstiff.service.reports.plots import figure_of
 from jointstiff.service.reports.rendering import report_page, report_pdf
 from jointstiff.service.reports.run import (
     ITEMS,
     RunSubject,
+    build_results_section,
+    build_uncertainty_section,
     predicted_compliance,
-    results,
     run_document,
-    uncertainty,
 )
 from jointstiff.service.tables.table import Area, Chart, Sheet
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -153,14 +153,17 @@ def test_a_budget_without_model_error_is_partial(subject):
     parts = [part for part in result.budget.components if part.source != "model_error"]
     budget = result.budget.model_copy(update={"components": parts, "missing": ["model_error"]})
     model = replace(subject.model, result=result.model_copy(update={"budget": budget}))
-    assert "k = 2, partial" in results(model, subject.readings).tables[0].head()[3]
-    assert "It is partial: there is no bound of the model error" in uncertainty(model).paragraphs[0]
+    assert "k = 2, partial" in build_results_section(model, subject.readings).tables[0].head()[3]
+    assert (
+        "It is partial: there is no bound of the model error"
+        in build_uncertainty_section(model).paragraphs[0]
+    )
     named = budget.model_copy(update={"missing": ["model_error", "lack_of_fit"]})
     model = replace(subject.model, result=result.model_copy(update={"budget": named}))
-    assert "the assessment names a lack of fit" in uncertainty(model).paragraphs[0]
+    assert "the assessment names a lack of fit" in build_uncertainty_section(model).paragraphs[0]
     student = budget.model_copy(update={"coverage_factor": 2.36})
     model = replace(subject.model, result=result.model_copy(update={"budget": student}))
-    assert "k = 2.36" in results(model, subject.readings).tables[0].head()[3]
+    assert "k = 2.36" in build_results_section(model, subject.readings).tables[0].head()[3]
 
 
 def test_a_run_that_is_not_to_be_used_predicts_nothing(subject, campaign, run):
@@ -180,7 +183,7 @@ def test_the_room_is_no_condition_of_the_item(signed):
 
 def test_run_and_table_are_attached_and_it_is_pdf_a(signed, subject, run):
     reader = pypdf.PdfReader(io.BytesIO(signed))
-    assert reader.attachments["joints.csv"] == [joints_csv(subject.model)]
+    assert reader.attachments["joints.csv"] == [write_joints_csv(subject.model)]
     assert Run.model_validate_json(reader.attachments["run.json"][0]) == run
     assert b"<pdfaid:part>3</pdfaid:part><pdfaid:conformance>B</pdfaid:conformance>" in signed
     assert len(signed) <= 1_000_000
@@ -510,8 +513,8 @@ def joint(name, stiffness, interval):
     ],
 )
 def test_stiffnesses_stand_on_a_logarithmic_axis_that_holds_them_all(joints):
-    assert intervals([joint("a", None, None)], 0.95) is None
-    drawing = intervals(joints, 0.95).svg
+    assert draw_intervals([joint("a", None, None)], 0.95) is None
+    drawing = draw_intervals(joints, 0.95).svg
     decades = {float(text) * 1e6: at for text, at in texts_of(drawing) if re.fullmatch(r"[\d.e+-]+", text)}
     (first, (at_first, _)), (last, (at_last, below)) = min(decades.items()), max(decades.items())
     known = [each for each in joints if (each.stiffness or 0.0) > 0.0]
@@ -566,7 +569,7 @@ def test_an_arm_is_seen_as_it_stands():
     """Two links of 2 m that turn about z: axes at right angles (Gauss); joints in a place share a label."""
     rows = [[a, 0.0, 0.0, 0.0] for a in (0.0, 2.0, 2.0)]
     robot = prepare_robot(js.robot(rows, convention="standard", units="m, rad, N")).robot
-    drawing = arm(robot, [0.0, 0.0, np.pi / 2]).svg
+    drawing = draw_arm(robot, [0.0, 0.0, np.pi / 2]).svg
     axes = numbers_of(drawing, "line", ("x1", "y1", "x2", "y2"))
     x, y, z = (axes[:, 2:] - axes[:, :2]) @ [1.0, -1.0j]  # upwards
     assert abs(x**2 + y**2 + z**2) == pytest.approx(0.0, abs=1.0)
@@ -586,7 +589,7 @@ def test_bars_have_the_heights_of_their_numbers_on_the_axis(greatest):
         "measured": [greatest, 0.5 * greatest, 0.2 * greatest],
         "left": [0.1 * greatest, None, -0.3 * greatest],
     }
-    drawing = bars(Chart("Bars", ["a", "b", "c"], series, 1e3, "mm")).svg
+    drawing = draw_bars(Chart("Bars", ["a", "b", "c"], series, 1e3, "mm")).svg
     texts, axis = texts_of(drawing), numbers_of(drawing, "line", ("x1", "y1"))
     (least, (_, bottom)), *_, (top, (beside, above)) = sorted(
         (float(text), place) for text, place in texts if re.fullmatch(r"[\d.]+", text)

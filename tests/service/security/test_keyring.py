@@ -25,8 +25,8 @@ from jointstiff.service.security.keys import (
     KeysFile,
     KeysFileError,
     digest,
-    id_in,
     mint,
+    parse_key_id,
     without_keys,
 )
 from jointstiff.service.store.access import FORGET, MOST_WRONG, WrongKeys
@@ -60,10 +60,10 @@ def test_a_mistyped_key_is_told_from_a_wrong_one(place, letter):
     text = KEYS[0].text
     typed = text[:place] + letter + text[place + 1 :]
     if typed == text:
-        assert id_in(typed) == KEYS[0].record.id
+        assert parse_key_id(typed) == KEYS[0].record.id
     else:
         with pytest.raises(KeyRefusedError, match=r"mistyped|is not a key") as caught:
-            id_in(typed)
+            parse_key_id(typed)
         assert "whole key" in caught.value.remedy
 
 
@@ -74,7 +74,7 @@ def test_a_mistyped_key_is_told_from_a_wrong_one(place, letter):
 )
 def test_what_is_no_key_is_refused(text):
     with pytest.raises(KeyRefusedError):
-        id_in(text)
+        parse_key_id(text)
 
 
 def test_keys_are_taken_out_of_texts():

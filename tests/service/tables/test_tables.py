@@ -23,7 +23,7 @@ from jointstiff.service.cli.options import Units
 from jointstiff.service.kinds.comparison.kind import _by_interval
 from jointstiff.service.kinds.comparison.kind import _interval as interval_text
 from jointstiff.service.kinds.run.kind import RUN
-from jointstiff.service.reports.exports import why_no_stiffness
+from jointstiff.service.reports.exports import explain_missing_stiffness
 from jointstiff.service.reports.job import job_report
 from jointstiff.service.tables import terminal
 from jointstiff.service.tables.report import requested
@@ -299,8 +299,8 @@ def test_a_lower_limit_is_shown_but_of_a_result_that_is_not_to_be_used(unit, kin
     refuted = rigid.model_copy(update={"verdict": "do_not_use"})
     assert UNITS[unit].cells(rigid)[2].startswith(("< ", "> "))
     assert UNITS[unit].cells(refuted)[2] == "—"
-    assert "at least" in why_no_stiffness(rigid)
-    assert "at least" not in why_no_stiffness(refuted)
+    assert "at least" in explain_missing_stiffness(rigid)
+    assert "at least" not in explain_missing_stiffness(refuted)
 
 
 def test_a_column_without_a_name_and_without_a_cell_is_printed():

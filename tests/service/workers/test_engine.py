@@ -54,7 +54,7 @@ def changed(store, sql, **values):
 
 
 def rows(queue):
-    return {each.workflow_id: (each.status, each.recovery_attempts) for each in queue._listed()}
+    return {each.workflow_id: (each.status, each.recovery_attempts) for each in queue._list_rows()}
 
 
 def test_a_run_is_carried_out_and_ends_with_the_numbers_of_one_process(store, queue, working, monkeypatch):
@@ -66,7 +66,7 @@ def test_a_run_is_carried_out_and_ends_with_the_numbers_of_one_process(store, qu
         engines.append(engine)
         until(lambda: runs.current(run.id).state == "succeeded")
         until(lambda: engine.pending() == {})
-        engine.forget(store.going_on)
+        engine.remove_ended_parts(store.going_on)
         assert rows(engine) == {}
     at_once = runs_of(store).create(run_request(run.measurement_set_id), None)
     assert runs.current(run.id).result == runs_of(store).current(at_once.id).result
@@ -95,9 +95,9 @@ def test_a_part_of_a_dead_worker_begins_again_and_the_sixth_time_it_is_given_up(
             "WHERE workflow_uuid = 'poison-000000-0'",
         )
         engine.recover(["dead"])
-        until(lambda: engine.given_up() == {"poison": True})
+        until(lambda: engine.find_given_up_jobs() == {"poison": True})
         assert begun.count(Part("poison", 0, 0)) == 1
-        assert engine.unknown(["poison", "other", "third"]) == {"third"}
+        assert engine.find_unknown_jobs(["poison", "other", "third"]) == {"third"}
 
 
 def test_a_part_that_was_handed_over_begins_with_no_death(store, queue, working):
@@ -160,7 +160,7 @@ def test_a_worker_knows_what_it_carries_out_and_how_far_it_computes(store, queue
 class Away(Queue):
     """A queue whose database does not answer."""
 
-    def _listed(self, *_, **__):
+    def _list_rows(self, *_, **__):
         raise sa.exc.OperationalError("SELECT", {}, Exception("the server closed the connection"))
 
 
@@ -182,7 +182,7 @@ def test_a_part_of_an_unknown_kind_is_offered_again_later(store, queue, working,
     with working(carry_out_part) as engine:
         until(lambda: len(begun) == 3)
         assert set(begun) == {Part("a", 0, 0)}
-        assert engine.given_up() == {}
+        assert engine.find_given_up_jobs() == {}
 
 
 def test_a_worker_that_stops_hands_over_what_it_carries_out_and_begins_nothing_more(store, queue, working):
@@ -224,7 +224,7 @@ def test_a_pickle_planted_in_the_queue_is_not_run_and_its_job_ends(store, queue,
     changed(store, "UPDATE workflow_input SET inputs = :written", written=written)
     changed(store, "UPDATE workflow_status SET serialization = 'py_pickle'")
     with working(lambda _part: None) as engine:
-        until(lambda: engine.given_up() == {run.id: False})
+        until(lambda: engine.find_given_up_jobs() == {run.id: False})
         Recovery(store, lambda _: runs, engine, "alive").look()
     assert runs.current(run.id).state == "failed"
     assert "cannot be carried out" in runs.current(run.id).error.detail

@@ -33,7 +33,7 @@ from jointstiff.service.store.tables import jobs
 from jointstiff.service.workers import supervisor as supervisor_module
 from jointstiff.service.workers.engine import ATTEMPTS
 from jointstiff.service.workers.supervisor import Supervisor, pause_after
-from jointstiff.service.workers.worker import FrozenError, Recovery, carry_out, patiently
+from jointstiff.service.workers.worker import FrozenError, Recovery, carry_out, retry_until_available
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import SolverError
 
@@ -262,7 +262,7 @@ def test_a_run_without_a_part_that_would_end_it_fails(store, runs, claims, post)
     recovery_of(store, runs, claims).look()
     ended = runs.current(run.id)
     assert (ended.state, ended.error.type) == ("failed", "urn:jointstiff:problem:worker-lost")
-    assert "send it again" in ended.error.remedy
+    assert "send the job again" in ended.error.remedy
     assert runs.current(waiting.id).state == "queued"
 
 
@@ -369,7 +369,7 @@ def test_jobs_of_a_kind_of_another_version_are_left_alone(store, runs, claims, p
     parts = Parts(store, claims.enqueue)
     part = claims.claim("dead")
     carry_out(store, parts.jobs_of, part, claims)
-    (later,) = claims._listed(status="DELAYED")
+    (later,) = claims._list_rows(status="DELAYED")
     assert later.workflow_id.startswith(unknown.id)
     Recovery(store, parts.jobs_of, claims, "alive").look()
     claims.claim("dead")
@@ -390,9 +390,9 @@ def test_the_parts_of_ended_jobs_are_removed(store, runs, claims, post):
     runs.cancel(ended.id)
     recovery_of(store, runs, claims).look()
     claims.work_all(lambda _: runs)  # of the cancelled run, too
-    assert {each.workflow_id for each in claims._listed()} >= {f"{is_active.id}-000000-0"}
+    assert {each.workflow_id for each in claims._list_rows()} >= {f"{is_active.id}-000000-0"}
     recovery_of(store, runs, claims).look()
-    assert claims._listed() == []
+    assert claims._list_rows() == []
 
 
 def test_a_duty_that_fails_does_not_keep_the_janitor_from_the_others(store, runs, claims, monkeypatch):
@@ -493,7 +493,7 @@ def test_a_part_waits_for_the_database(monkeypatch):
             raise failure
         ended.append(True)
 
-    patiently(part)
+    retry_until_available(part)
     assert ended == [True]
 
 
@@ -529,7 +529,7 @@ def test_a_worker_is_started_again_after_pauses_that_double(monkeypatch):
     monkeypatch.setattr(supervisor_module, "time", SimpleNamespace(monotonic=lambda: now))
     supervisor._stopping = SimpleNamespace(is_set=lambda: not lives, wait=pauses.append)
     supervisor._run_worker = watch
-    supervisor._keep_worker("sqlite://", "test-1")
+    supervisor._keep_worker_running("sqlite://", "test-1")
     assert pauses == [2, 4, 2]
     assert failing == [(1.0, 0), (59.0, 0), (60.0, 0), (5.0, 0)]
 
@@ -547,7 +547,7 @@ def test_a_worker_is_ended_once_it_shows_no_sign_of_life(monkeypatch):
     os.write(writing, b".." * 4096)
     with os.fdopen(reading, "rb") as output, os.fdopen(writing, "wb"):
         process = SimpleNamespace(stdout=output, kill=lambda: ended.append(len(pauses)), wait=lambda: -9)
-        assert Supervisor("sqlite://", 0, "test")._end_of(process, "test-1-0") == -9
+        assert Supervisor("sqlite://", 0, "test")._wait_for_end(process, "test-1-0") == -9
     assert (pauses, ended) == ([120.0, 45.0, 45.0], [3])
 
 

@@ -24,12 +24,12 @@ from jointstiff.solver.comparison.campaigns import (
     RatioInterval,
     Side,
     compare_sides,
-    force_unit_mistake,
+    compute_measured_shares,
+    compute_ratio_interval,
+    find_force_unit_mistake,
     log_stiffness,
-    match,
-    measured_shares,
+    match_observations,
     models_differ,
-    ratio_interval,
 )
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.identify import identify
@@ -130,9 +130,9 @@ def test_every_ratio_is_in_or_out_as_the_definition_says(c1, s1, c2, s2, ratio):
     first, second = GaussianEstimate(c1, s1), GaussianEstimate(c2, s2)
     margin = np.abs(c1 - ratio * c2) / np.hypot(s1, ratio * s2) - T95
     assume(abs(margin) > 1e-6)
-    free = ratio_interval(first, second, 0.95, positive=False)
+    free = compute_ratio_interval(first, second, 0.95, positive=False)
     assert holds(free, ratio) == (margin < 0)
-    positive = ratio_interval(first, second, 0.95, positive=True)
+    positive = compute_ratio_interval(first, second, 0.95, positive=True)
     assert holds(positive, ratio) == (margin < 0 and ratio >= 0)
 
 
@@ -271,7 +271,7 @@ def test_ordered_intervals_end_where_the_likelihood_has_fallen_by_its_quantile(c
 
 def test_uncertainty_of_the_measured_share_is_what_noise_does(simulated):
     readings = [one.measurements for one in simulated]
-    matches = match(*readings)
+    matches = match_observations(*readings)
     sigma, rng = 2e-5, np.random.default_rng(3)
     values = []
     for _ in range(500):
@@ -279,9 +279,9 @@ def test_uncertainty_of_the_measured_share_is_what_noise_does(simulated):
         for one in readings:
             read = one.deflection + rng.normal(0, np.sqrt(2) * sigma, one.deflection.shape)
             noisy.append(replace(one, deflection=read))
-        each, overall = measured_shares(noisy, matches, (sigma, sigma))
+        each, overall = compute_measured_shares(noisy, matches, (sigma, sigma))
         values.append((overall.value, each[0].value))
-    each, overall = measured_shares(readings, matches, (sigma, sigma))
+    each, overall = compute_measured_shares(readings, matches, (sigma, sigma))
     stated = overall.standard_uncertainty, each[0].standard_uncertainty
     np.testing.assert_allclose(np.std(values, axis=0), stated, rtol=4.5 / np.sqrt(2 * 500))
 
@@ -321,10 +321,10 @@ def test_forces_of_most_observations_in_another_unit_are_named(simulated, scaled
     force = second.force.copy()
     force[:scaled] *= factor
     other = replace(second, force=force, deflection=moved * second.deflection)
-    found = force_unit_mistake(first, other, match(first, other))
+    found = find_force_unit_mistake(first, other, match_observations(first, other))
     assert found is None if named is None else re.search(named, found.message)
     still = replace(first, deflection=0.0 * first.deflection)
-    assert force_unit_mistake(still, other, match(still, other)) is None
+    assert find_force_unit_mistake(still, other, match_observations(still, other)) is None
 
 
 def test_robots_that_differ_are_noticed_by_their_model(simulated):
@@ -475,6 +475,10 @@ def test_observations_are_alike_within_tolerances(simulated, field, change, near
     one = replace(read, moment=np.full((19, 3), 50.0), direction=np.tile(np.eye(3)[0], (19, 3, 1)))
     for size, count in ((near, 57), (far, 0)):
         other = replace(one, **{field: change(getattr(one, field), size)})
-        assert match(one, other).present.sum() == match(other, one).present.sum() == count
+        assert (
+            match_observations(one, other).present.sum()
+            == match_observations(other, one).present.sum()
+            == count
+        )
     still = replace(one, force=np.zeros((19, 3)))  # a moment alone acts anywhere
-    assert match(still, replace(still, load_point=still.load_point + 1.0)).present.all()
+    assert match_observations(still, replace(still, load_point=still.load_point + 1.0)).present.all()

@@ -35,11 +35,11 @@ from jointstiff.solver.design.optimum import (
     DOptimality,
     EOptimality,
     GOptimality,
-    optimal_weights,
+    compute_uncertainties,
     optimise,
-    uncertainty_of,
+    optimise_weights,
 )
-from jointstiff.solver.design.plan import Distinct, advise, exact_design, plan_campaign
+from jointstiff.solver.design.plan import Distinct, advise, find_exact_design, plan_campaign
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
@@ -186,7 +186,7 @@ def test_uncertainty_is_that_of_the_exact_inverse(seed, n):
     inverse = G.inv()
     # The least information of such integers is 1/det; double precision finds it to what is left.
     variance = [float(inverse[j, j].p) / float(inverse[j, j].q) for j in range(n)]
-    assert uncertainty_of(rows.T @ rows, n) ** 2 == pytest.approx(variance, rel=1e-6)
+    assert compute_uncertainties(rows.T @ rows, n) ** 2 == pytest.approx(variance, rel=1e-6)
 
 
 class TestAdvice:
@@ -308,7 +308,7 @@ class TestCertificate:
         """Exhaustive search over C(14, 8) finds the same list, and nothing above the bound."""
         rows = random_rows(seed, 14)
         problem = problem_of(rows, criterion, 8)
-        exact = exact_design(problem, optimise(problem), Distinct(np.arange(14.0)[:, None], 0.5))
+        exact = find_exact_design(problem, optimise(problem), Distinct(np.arange(14.0)[:, None], 0.5))
         K = information(rows)
         best = max(
             criterion.information(K[list(c)].sum(axis=0)) for c in itertools.combinations(range(14), 8)
@@ -324,7 +324,7 @@ class TestCertificate:
     def test_no_exchange_of_one_reading_improves_the_list(self, criterion, seed):
         rows = random_rows(seed, 60)
         problem = problem_of(rows, criterion, 8)
-        exact = exact_design(problem, optimise(problem), Distinct(np.arange(60.0)[:, None], 0.5))
+        exact = find_exact_design(problem, optimise(problem), Distinct(np.arange(60.0)[:, None], 0.5))
         K, chosen = information(rows), set(exact.atoms.index.tolist())
         reached = [
             criterion.information(exact.matrix - K[i] + K[j]) for i in chosen for j in set(range(60)) - chosen
@@ -338,10 +338,10 @@ def test_the_bound_of_a_mean_price_is_that_of_distinct_postures(count):
     postures, prices = np.zeros((5009, 2)), np.r_[np.linspace(2.0, 1.0, 5000), np.full(9, 0.5)]
     near = np.linspace(0.0, 0.1, 9)[:, None]  # in one cell or two
     for angle, mean in ((0.2, 2.0 / count), (0.0, 2.0)):
-        assert Distinct(near, angle).best_mean(prices[:9], count) == pytest.approx(mean)
+        assert Distinct(near, angle).bound_mean_price(prices[:9], count) == pytest.approx(mean)
     postures[5000:, 0] = np.arange(1.0, 10.0)
     mean = (2.0 + (count - 1) * prices[3999]) / count
-    assert Distinct(postures, 0.2).best_mean(prices, count) == pytest.approx(mean)
+    assert Distinct(postures, 0.2).bound_mean_price(prices, count) == pytest.approx(mean)
 
 
 @pytest.mark.parametrize("least", [1, 2, 7, 50, 160])
@@ -350,19 +350,19 @@ def test_as_many_readings_are_planned_as_a_goal_needs_at_least(monkeypatch, leas
     """Uncertainties fall a little faster or slower than with the root; readings held out come on top."""
     monkeypatch.setattr(plan, "DesignProblem", lambda _, __, fitted, ___: fitted)
     monkeypatch.setattr(plan, "optimise", lambda *_: None)
-    monkeypatch.setattr(plan, "exact_design", lambda fitted, *_, **__: SimpleNamespace(matrix=fitted))
+    monkeypatch.setattr(plan, "find_exact_design", lambda fitted, *_, **__: SimpleNamespace(matrix=fitted))
     monkeypatch.setattr(plan, "goal_share", lambda _, __, fitted: (least / fitted) ** fall)
     request = request_of(equipment(), goal=JointsGoal(kind="joints", relative=0.1), validation=validation)
     pool = SimpleNamespace(parameters=SimpleNamespace(joints=range(6)), candidates=None, base=None)
     enough = [n for n in range(1, 300) if n - round(validation * n) >= least]
-    assert plan.least_readings(pool, request, None, None) == enough[0]
+    assert plan.find_least_readings(pool, request, None, None) == enough[0]
 
 
 @every_criterion
 def test_blocks_are_good_plans_by_themselves_the_best_one_first(criterion):
     """No two readings of different blocks are better exchanged."""
     K = information(random_rows(3, 14))
-    block = plan._blocks(K, np.zeros((P, P)), criterion)
+    block = plan._divide_into_blocks(K, np.zeros((P, P)), criterion)
 
     def values(block):
         return [np.log(criterion.information(K[block == b].sum(axis=0))) for b in range(3)]
@@ -380,7 +380,7 @@ def test_the_bound_holds_for_directions_that_nobody_tried():
     criterion, n = AOptimality(np.eye(P)), 8
     problem = problem_of(rows, criterion, n)
     design = optimise(problem)
-    exact = exact_design(problem, design, Distinct(np.zeros((30, 1)), 0.0))
+    exact = find_exact_design(problem, design, Distinct(np.zeros((30, 1)), 0.0))
     assert design.bound.efficiency > 1 - 1e-5
     assert exact.efficiency > 0.9
     rng = np.random.default_rng(7)
@@ -452,7 +452,7 @@ def test_a_parameter_that_rounding_hides_is_an_error_with_a_remedy():
     """Two readings tell of one direction alone, the second of 1e-20 of it."""
     alike = np.array([np.ones((2, 2)), 1e-20 * np.ones((2, 2))])
     with pytest.raises(SolverError, match="rounding hides some") as caught:
-        optimal_weights(DOptimality(2), np.zeros((2, 2)), alike, np.array([0.5, 0.5]))
+        optimise_weights(DOptimality(2), np.zeros((2, 2)), alike, np.array([0.5, 0.5]))
     assert "loads and postures of plausible size" in caught.value.remedy
 
 
@@ -501,10 +501,12 @@ def test_uncertainties_are_those_of_the_inverse_in_any_units(seed):
     unit = 10.0 ** rng.uniform(-8, 8, P)
     scaled = M * np.outer(unit, unit)
     expected = np.sqrt(np.diag(np.linalg.inv(M))) / unit
-    np.testing.assert_allclose(uncertainty_of(scaled, P), expected, rtol=1e-9)
-    np.testing.assert_allclose(uncertainty_of(np.stack([scaled, 4.0 * scaled]), 2)[1], expected[:2] / 2.0)
+    np.testing.assert_allclose(compute_uncertainties(scaled, P), expected, rtol=1e-9)
+    np.testing.assert_allclose(
+        compute_uncertainties(np.stack([scaled, 4.0 * scaled]), 2)[1], expected[:2] / 2.0
+    )
     scaled[seed % P] = scaled[:, seed % P] = 0.0
-    assert np.flatnonzero(np.isinf(uncertainty_of(scaled, P))).tolist() == [seed % P]
+    assert np.flatnonzero(np.isinf(compute_uncertainties(scaled, P))).tolist() == [seed % P]
 
 
 def test_planned_readings_have_the_noise_of_the_tracker_at_its_station():

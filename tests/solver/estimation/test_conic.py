@@ -160,7 +160,7 @@ def test_a_wrong_answer_gets_no_certificate(monkeypatch, spoil):
     wrong = program.cone.project(wrong)
     excess = objective(program, wrong) - objective(program, right)
     assert certify_cone(program, wrong).gap >= 0.99 * np.sqrt(excess)
-    monkeypatch.setattr(SemidefiniteProgram, "interior_point", lambda *_: wrong)
+    monkeypatch.setattr(SemidefiniteProgram, "find_interior_point", lambda *_: wrong)
     monkeypatch.setattr(Face, "step", lambda *_: None)
     with pytest.raises(SolverError, match=r"its gap is \S+, above"):
         solve_cone(program, gap=GAP)
@@ -175,7 +175,7 @@ def test_of_answers_that_do_not_do_the_best_is_kept(monkeypatch):
         asked.append(unit)
         return program.cone.project(right + 1e-3 * len(asked))
 
-    monkeypatch.setattr(SemidefiniteProgram, "interior_point", proposed)
+    monkeypatch.setattr(SemidefiniteProgram, "find_interior_point", proposed)
     monkeypatch.setattr(Face, "step", lambda *_: None)
     found = solve_cone(program, gap=1e-12, accepted=10.0)
     np.testing.assert_allclose(found.x, program.cone.project(right + 1e-3), rtol=1e-12)
@@ -292,7 +292,7 @@ def test_ends_hold_all_points_near_the_optimum_and_no_more(seed):
     A, b, rng = problem(seed)
     optimum = solve_weighed(A, b, CONES)
     found = weighed_ends(A, b, optimum, 0.5, CONES)
-    program, radius = convex.weighed_end(SIZE, BLOCKS), np.sqrt(optimum.loss + 0.5)
+    program, radius = convex.state_weighed_end(SIZE, BLOCKS), np.sqrt(optimum.loss + 0.5)
     near, cap = optimum.x / radius, CONES.cap / radius
     ball = {"A": A, "b": b / radius - A @ near, "near": near, "cap": cap}
     for (j, side), end in np.ndenumerate(found):  # a point of the set is there, all but
@@ -335,7 +335,7 @@ def test_a_semidefinite_program_finds_the_nearest_point_of_its_cone():
     wanted = near + z - 0.5 * p
     values, vectors = np.linalg.eigh(to_matrix(wanted[1:], 3))
     nearest = to_vector((vectors * np.maximum(values, 0.0)) @ vectors.T)
-    found = convex.semidefinite(7, Cone(1, (3,))).solve(data, 1e-9)
+    found = convex.state_semidefinite(7, Cone(1, (3,))).solve(data, 1e-9)
     np.testing.assert_allclose(near + found, [max(wanted[0], 0.0), *nearest], atol=1e-6)
 
 

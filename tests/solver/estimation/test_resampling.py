@@ -33,12 +33,17 @@ from jointstiff.simulator.campaign import torques
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation import resampling as module
 from jointstiff.solver.estimation import solution
-from jointstiff.solver.estimation.assessment import Assessment, judge
+from jointstiff.solver.estimation.assessment import Assessment, find_implausible_results
 from jointstiff.solver.estimation.estimate import predict
 from jointstiff.solver.estimation.fit import sigma_test
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Prior, Settings
-from jointstiff.solver.estimation.observability import Observability, Spectrum, analyse, observability_indices
+from jointstiff.solver.estimation.observability import (
+    Observability,
+    Spectrum,
+    analyse_spectrum,
+    observability_indices,
+)
 from jointstiff.solver.estimation.problem import Bounds
 from jointstiff.solver.estimation.resampling import (
     MethodStacks,
@@ -46,11 +51,11 @@ from jointstiff.solver.estimation.resampling import (
     StageStack,
     draws_of,
     resample,
-    summarise,
+    summarise_resamples,
 )
 from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.mechanics.block import regressor_blocks
-from jointstiff.solver.result import joint_results
+from jointstiff.solver.result import build_joint_results
 
 POSITIVE, FREE = Bounds.positive(6), Bounds.unconstrained(6)
 BOXED = Bounds(np.full(6, 3e-7), np.array([np.inf, 6e-7, 1e-6, 5e-6, 5e-6, 2e-5]))
@@ -202,7 +207,7 @@ def test_a_summary_of_numbers_that_are_known():
     nan = np.nan
     compliance = np.array([[1.0, -2.0, nan], [2.0, 0.0, nan], [4.0, 2.0, nan], [nan, 4.0, nan]])
     draws = Resamples(compliance, np.array([0.5, 0.7, 0.9, nan]))
-    found = summarise(draws, ["a", "b", "c"], confidence=0.5)
+    found = summarise_resamples(draws, ["a", "b", "c"], confidence=0.5)
     a, b, c = found.joints
     assert (a.compliance_mean, b.compliance_mean) == pytest.approx((7 / 3, 1.0))
     assert (a.compliance_deviation, b.compliance_deviation) == pytest.approx(
@@ -219,7 +224,9 @@ def test_a_summary_of_numbers_that_are_known():
     assert found.compensation_mean == pytest.approx(0.7)
     assert found.compensation_deviation == pytest.approx(0.2)
     assert found.compensation_interval == pytest.approx((0.6, 0.8))
-    hidden = summarise(draws, ["a", "b", "c"], hidden=np.array([False, True, False]), confidence=0.5)
+    hidden = summarise_resamples(
+        draws, ["a", "b", "c"], hidden=np.array([False, True, False]), confidence=0.5
+    )
     assert hidden.joints[0] == a
     assert hidden.joints[1] == c.model_copy(update={"name": "b"})
 
@@ -230,7 +237,7 @@ def test_fanuc_ten_of_thirty():
     blocks = blocks_of_set(robot, measurements, settings("partial_pose"))
     plan = plan_of(10, 2000, 2017)
     draws = (resample(blocks, plan, bounds) for bounds in (FREE, POSITIVE))
-    free, positive = (summarise(each, robot.joint_names) for each in draws)
+    free, positive = (summarise_resamples(each, robot.joint_names) for each in draws)
     assert 0.10 <= free.share_any_negative <= 0.14
     assert positive.share_any_negative == 0.0
     assert positive.compensation_mean >= free.compensation_mean
@@ -305,11 +312,11 @@ def test_a_combination_that_the_prior_tells_apart():
     np.testing.assert_allclose(found.compliance[:2], [whole.compliance[0] - 1e-7, 1e-7], rtol=1e-6)
     assert found.joints[1].prior_to_data == np.inf
     verdicts = Assessment("use", (), ("use",) * len(found.joints))
-    message = list(joint_results(verdicts, found.joints))[1]
+    message = list(build_joint_results(verdicts, found.joints))[1]
     assert message.prior_to_data is None
     assert "only its prior separates them" in message.reason
     assert found.identifiability[0].rank == 6  # of the readings, whatever the prior adds
-    assert "prior_dominates" in {finding.code for finding in judge(found)}
+    assert "prior_dominates" in {finding.code for finding in find_implausible_results(found)}
 
 
 class TestRefusals:
@@ -331,7 +338,7 @@ class TestCombinations:
     @staticmethod
     def analysed(*columns):
         R = np.column_stack(columns)
-        return analyse(Spectrum(R), np.arange(R.shape[1]))
+        return analyse_spectrum(Spectrum(R), np.arange(R.shape[1]))
 
     def test_sums_of_two_or_three(self):
         u, v = np.random.default_rng(0).standard_normal((2, 9))

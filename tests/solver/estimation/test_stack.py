@@ -39,7 +39,7 @@ def test_a_posture_left_out_is_a_fit_without_its_rows(stack):
 def test_sums_since_a_posture_are_those_of_the_rows_from_there_on(stack):
     for first in range(COUNT):
         rows = stack.rows[first:].reshape(-1, 6)
-        np.testing.assert_allclose(stack.grams_since[first], rows.T @ rows, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(stack.trailing_gram_sums[first], rows.T @ rows, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("whole", [True, False], ids=["stack", "triangle"])

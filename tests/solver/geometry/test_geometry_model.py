@@ -36,21 +36,21 @@ from jointstiff.solver.geometry.frames import (
     BaseTargets,
     FlangeConvention,
     NearlyParallel,
+    compare_links,
     dh_table,
     find_base_frame,
     find_wrist_centre,
     identify_model,
-    link_table,
     trilaterate,
 )
 from jointstiff.solver.geometry.identification import (
     Conventions,
-    calibration_findings,
     drift_findings,
     identify_from_poses,
     identify_from_sweeps,
-    model_findings,
-    wrist_findings,
+    report_calibration,
+    report_vague_parameters,
+    report_wrist_disagreement,
 )
 from jointstiff.solver.geometry.poses import Poses, PoseState, calibrate, transformed
 from jointstiff.solver.geometry.sweeps import identify_axes
@@ -130,11 +130,11 @@ def test_table_numbers_that_run_away_and_links_that_are_vague_are_findings():
         LinkComparison(quantity=quantity, joint=f"joint_{i}", unit=unit, standard_uncertainty=u, **numbers)
         for quantity, i, unit, u in (("a", 1, "m", 0.0125), ("d", 2, "m", 9e-3), ("theta", 3, "rad", 0.0125))
     ]
-    near, vague = model_findings(nominal().joint_names, "standard", pairs, links)
+    near, vague = report_vague_parameters(nominal().joint_names, "standard", pairs, links)
     assert (near.code, near.where) == ("axes_nearly_parallel", "dh.standard")
     assert near.message.startswith("axes 1 and 2 are 4 mrad from parallel")
     assert vague.message.endswith("determine a of joint 1 (± 12 mm), theta of joint 3 (± 0.72°)")
-    assert len(list(model_findings(nominal().joint_names, "standard", pairs, links[1:2]))) == 1
+    assert len(list(report_vague_parameters(nominal().joint_names, "standard", pairs, links[1:2]))) == 1
 
 
 @pytest.mark.parametrize("base", ["nominal", "axes"])
@@ -161,7 +161,7 @@ def test_the_flange_stands_where_its_convention_says_with_a_nominal_model_or_non
 class TestLinkTable:
     def table_of(self, found):
         base = find_base_frame(found, nominal())
-        rows = link_table(found, base, FlangeConvention.of_chain(nominal()), nominal())
+        rows = compare_links(found, base, FlangeConvention.of_chain(nominal()), nominal())
         return {(row.quantity, row.joint): (row.difference, row.standard_uncertainty) for row in rows}
 
     @pytest.mark.parametrize("draws", [6, pytest.param(25, marks=pytest.mark.slow)])
@@ -288,10 +288,10 @@ def test_a_joint_that_never_turned_is_named_and_its_numbers_have_no_uncertainty(
     assert all(any(name.startswith("axis 4") for name in names) for names in found.evidence.only_together)
     named = {name for names in found.evidence.only_together for name in names}
     assert not any(name.startswith(("axis 1", "axis 2", "axis 3")) for name in named), "these are known"
-    assert {finding.code for finding in calibration_findings(found)} == {"parameters_not_identified"}
-    assert all("determine a combination of" in finding.message for finding in calibration_findings(found))
+    assert {finding.code for finding in report_calibration(found)} == {"parameters_not_identified"}
+    assert all("determine a combination of" in finding.message for finding in report_calibration(found))
     base = find_base_frame(found, nominal())
-    rows = link_table(found, base, FlangeConvention.of_chain(nominal()), nominal())
+    rows = compare_links(found, base, FlangeConvention.of_chain(nominal()), nominal())
     by_key = {(row.quantity, row.joint): row.standard_uncertainty for row in rows}
     assert by_key["alpha", "joint_3"] is by_key["a", "joint_4"] is None
     assert by_key["a", "joint_2"] < 100e-6
@@ -378,7 +378,7 @@ def test_wrist_axes_that_do_not_meet_are_measured():
         assert 0.4 * offset < wrist.miss_distance < offset
         assert wrist.miss_probability < 1e-6
         assert wrist.miss_uncertainty < 20e-6
-    assert list(wrist_findings(wrist))
+    assert list(report_wrist_disagreement(wrist))
 
 
 def test_trilateration_is_by_the_three_targets_of_the_largest_triangle():

@@ -32,10 +32,10 @@ from jointstiff.simulator.urdf import urdf_text
 from jointstiff.solver.geometry.frames import find_base_frame, find_wrist_centre
 from jointstiff.solver.geometry.identification import (
     Conventions,
-    geometry_findings,
     identify_from_sweeps,
-    sweep_findings,
-    wrist_findings,
+    report_sweep,
+    report_sweeps,
+    report_wrist_disagreement,
 )
 from jointstiff.solver.geometry.poses import Axis
 from jointstiff.solver.geometry.sweeps import SweepSet, fit_axis, identify_axes, refine_axes
@@ -91,14 +91,14 @@ class TestSharedSweeps:
             within(estimate.tracker - (R @ true + t), np.array(estimate.tracker_covariance))
             within(estimate.base - true, np.array(estimate.base_covariance))
             assert np.linalg.norm(estimate.tracker - (R @ true + t)) < 20e-6
-        assert list(wrist_findings(wrist)) == []
+        assert list(report_wrist_disagreement(wrist)) == []
         assert wrist.miss_probability > 0.01
         bound = dict(zip(WAYS, (40e-6, 24e-6, 20e-6), strict=True))
         assert np.linalg.norm(wrist.combined.base - true) < bound[way]
 
     def test_nothing_is_flagged(self, way):
         found, *_ = shared(way)
-        assert list(geometry_findings(found, found)) == []
+        assert list(report_sweeps(found, found)) == []
         assert 0.85 < found.variance_factor < 1.15
 
     def test_sigma_from_the_residuals(self, way):
@@ -279,7 +279,7 @@ class TestFlags:
         """Findings where some readings are displaced by (3,) [m]."""
         points = sweep.points.copy()
         points[part] += shift
-        return list(sweep_findings(fitted(replace(sweep, points=points)), NAMES))
+        return list(report_sweep(fitted(replace(sweep, points=points)), NAMES))
 
     @pytest.mark.parametrize("joint", range(6))
     @pytest.mark.parametrize("at", [3, 8, 12])

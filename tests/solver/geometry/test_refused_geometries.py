@@ -14,7 +14,7 @@ from jointstiff.solver.geometry.frames import (
     find_base_frame,
     identify_model,
 )
-from jointstiff.solver.geometry.identification import Conventions, identify_from_sweeps, sweep_findings
+from jointstiff.solver.geometry.identification import Conventions, identify_from_sweeps, report_sweep
 from jointstiff.solver.geometry.poses import Poses, calibrate
 from jointstiff.solver.geometry.sweeps import SweepSet, fit_axis, identify_axes
 from jointstiff.solver.mechanics.chain import KinematicChain
@@ -186,7 +186,7 @@ def test_a_short_arc_is_a_finding_and_a_shorter_one_is_refused():
         "better 90° or more"
     )
     short = arc(0.0, 20.0)
-    (finding,) = sweep_findings(fit_axis(short, short.angles[:, 2], sigma=SIGMA), NAMES)
+    (finding,) = report_sweep(fit_axis(short, short.angles[:, 2], sigma=SIGMA), NAMES)
     assert (finding.code, finding.where) == ("short_arc", "sweep of joint_3")
     assert finding.message == "an arc of 20° determines the axis only within 234 µm"
     assert finding.remedy == "sweep at least 90°"

@@ -11,7 +11,7 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, experiment_of, linear_deflections
 from jointstiff.simulator.imperfections import with_link_errors
 from jointstiff.solver.integrity import inspect
-from jointstiff.solver.integrity.values import View, loads
+from jointstiff.solver.integrity.values import View, inspect_loads
 from jointstiff.solver.mechanics.postures import Postures
 
 ROBOT, CAMPAIGN = prepare(simulate_campaign(default_arm(), load="pull", configurations=15, seed=5))
@@ -111,5 +111,5 @@ def test_moments_of_one_axis_are_loads():
     force, moment = CAMPAIGN.force.copy(), CAMPAIGN.moment.copy()
     force[3:5], moment[3, 0] = 0.0, 50.0
     assert [
-        each.observation for each in loads(View(ROBOT, replace(CAMPAIGN, force=force, moment=moment)))
+        each.observation for each in inspect_loads(View(ROBOT, replace(CAMPAIGN, force=force, moment=moment)))
     ] == ["c05"]

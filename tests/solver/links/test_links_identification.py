@@ -22,23 +22,23 @@ from jointstiff.solver.links.choice import (
     HeldOut,
     PenaltyPath,
     Selection,
-    chosen_weight,
-    compared_models,
+    choose_weight_index,
+    draw_folds,
+    find_richest_model,
     fit_fold,
     fit_folds,
     judge_losses,
     judge_penalty,
-    largest_of,
-    refined,
+    list_models_to_compare,
+    refine_path,
     select_model,
-    shared_out,
 )
 from jointstiff.solver.links.fit import (
     EffectiveCompliances,
     effective_compliances,
     effective_rows,
     estimate_elastic,
-    first_certified,
+    fit_first_certified,
 )
 from jointstiff.solver.links.model import (
     LOSSES,
@@ -46,16 +46,16 @@ from jointstiff.solver.links.model import (
     WITH_BASE,
     ElasticColumns,
     ElasticModel,
-    compared_losses,
     elastic_blocks,
     elastic_rows,
     formulate,
+    list_losses_to_compare,
 )
 from jointstiff.solver.mechanics.block import regressor_blocks
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.predict.answers import forward_model, stored_model
+from jointstiff.solver.predict.answers import build_stored_model, forward_model
 from jointstiff.solver.predict.models import ElasticPredictor, leave_folds_out
 
 COLUMNS = ElasticColumns(6, tuple(range(6)))
@@ -139,7 +139,7 @@ def test_links_that_are_known_leave_noise_and_joints_alone_leave_much_more():
     folds = Folds(robot, fitted, COLUMNS, VISIBLE, CrossValidation(folds=3))
     model = ElasticModel("joints_and_links", COLUMNS)
     path = fit_folds(folds, model, (1e-6, 1e-5))
-    weight = path.weights[chosen_weight(path.errors, "best")]
+    weight = path.weights[choose_weight_index(path.errors, "best")]
     found = estimate_elastic(folds, model, weight)
     rows = rows_of(robot, held_out)
     left = np.sqrt(np.square(held_out.deflection - rows @ found.entries).mean() / 2.0) / 2e-5
@@ -160,9 +160,9 @@ def test_the_best_penalty_is_found_to_a_quarter_of_a_decade_wherever_it_is(monke
         return PenaltyPath(tuple(weights), np.tile(weights, (2, 1))[..., None], errors)
 
     monkeypatch.setattr(choice, "fit_folds", fitted)
-    finer = refined(None, None, fitted(None, None, WEIGHTS))
+    finer = refine_path(None, None, fitted(None, None, WEIGHTS))
     np.testing.assert_array_equal(finer.compliances[1, :, 0], finer.weights)
-    found = np.log10(finer.weights[chosen_weight(finer.errors, "best")])
+    found = np.log10(finer.weights[choose_weight_index(finer.errors, "best")])
     assert found == pytest.approx(np.clip(best, *np.log10(LIMITS)), abs=0.126)
 
 
@@ -183,8 +183,8 @@ def test_few_postures_call_for_some_penalty_on_full_links_and_many_for_hardly_an
     robot, measurements = pulled(beam_arm(default_arm()), count, seed=1)
     model = ElasticModel(name, COLUMNS)
     folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation(folds=2, draws=1))
-    finer = refined(folds, model, fit_folds(folds, model, WEIGHTS))
-    mean, best = finer.errors.mean(axis=0), chosen_weight(finer.errors, "best")
+    finer = refine_path(folds, model, fit_folds(folds, model, WEIGHTS))
+    mean, best = finer.errors.mean(axis=0), choose_weight_index(finer.errors, "best")
     assert expected[0] <= finer.weights[best] <= expected[1]
     assert mean[best] <= mean[np.isin(finer.weights, WEIGHTS)].min()
     np.testing.assert_allclose(np.diff(np.log10(finer.weights))[max(0, best - 1) : best + 1], 0.25)
@@ -202,7 +202,7 @@ def test_models_with_a_base_are_compared_where_its_test_speaks():
         (None, True, 0.5, 0.5, {"links_and_base"}),  # each explains what the other does: both compete
     ):
         tests = SimpleNamespace(base_speaks=speaks, links_beside_base=links, base_beside_links=base)
-        assert {*MODELS} - {*compared_models(tests, asked)} == left_out
+        assert {*MODELS} - {*list_models_to_compare(tests, asked)} == left_out
 
 
 def test_errors_of_many_targets_are_those_of_their_coordinates(monkeypatch):
@@ -305,7 +305,7 @@ def test_residuals_that_vanish_leave_a_threshold_of_a_millionth_of_the_mean_defl
     form = formulate(whole_rows(robot, noisy), model, VISIBLE)
     _, threshold = form.fit(model, 1e3, gap=1e-3)
     assert threshold == pytest.approx(model.threshold * 2e-5, rel=0.25)
-    absolute = form.compliances(form.absolute(1e3, 1e-3).x)
+    absolute = form.compliances(form.fit_absolute(1e3, 1e-3).x)
     squares, weight = form.companion(replace(model, loss="absolute"), absolute, 1e3, 0.0)
     assert 0.5 * weight * squares.size**2 / form.total / 1e3 == pytest.approx(threshold, rel=1e-6)
 
@@ -330,11 +330,11 @@ def test_the_squares_that_stand_for_a_robust_loss_have_its_optimum(elastic):
 
 def test_losses_are_compared_in_sets_of_few_targets(elastic):
     measurements = elastic[1]
-    assert compared_losses(measurements, LOSSES) == LOSSES
+    assert list_losses_to_compare(measurements, LOSSES) == LOSSES
     many = measurements[np.tile(np.arange(len(measurements)), 5)]
-    assert compared_losses(many, LOSSES) == ("squared",)
+    assert list_losses_to_compare(many, LOSSES) == ("squared",)
     with pytest.raises(UnsupportedMethodError, match="600 targets") as refused:
-        compared_losses(many, ("absolute",))
+        list_losses_to_compare(many, ("absolute",))
     assert (refused.value.where, "squared" in refused.value.remedy) == ("loss", True)
     (finding,) = judge_losses(600)
     assert finding.code == "loss_not_compared"
@@ -343,29 +343,29 @@ def test_losses_are_compared_in_sets_of_few_targets(elastic):
 
 def test_folds_share_out_postures_and_keep_equal_ones_together():
     joints = np.repeat(np.arange(9.0)[:, None], 2, axis=1)[[0, 1, 2, 3, 4, 5, 6, 7, 8, 0, 3, 3]]
-    folds = shared_out(CrossValidation(folds=3, draws=1, seed=1), joints)
+    folds = draw_folds(CrossValidation(folds=3, draws=1, seed=1), joints)
     assert sorted(np.concatenate(folds).tolist()) == list(range(12))
     of = {int(i): number for number, fold in enumerate(folds) for i in fold}
     assert of[0] == of[9]
     assert of[3] == of[10] == of[11]
-    assert len(shared_out(CrossValidation(folds=5, draws=2), joints[:3])) == 2 * 3
-    different = shared_out(CrossValidation(folds=3, draws=1, seed=2), joints)
+    assert len(draw_folds(CrossValidation(folds=5, draws=2), joints[:3])) == 2 * 3
+    different = draw_folds(CrossValidation(folds=3, draws=1, seed=2), joints)
     assert any(a.tolist() != b.tolist() for a, b in zip(folds, different, strict=True))
     with pytest.raises(UnsupportedMethodError, match="one posture"):
-        shared_out(CrossValidation(), joints[[0, 9]])
+        draw_folds(CrossValidation(), joints[[0, 9]])
 
 
 def test_the_rules_choose_the_best_weight_or_the_largest_that_is_as_good():
     errors = np.array([[3.0, 1.0, 1.1, 2.0], [3.0, 1.2, 1.3, 2.0], [3.0, 0.8, 0.9, 2.0]])
-    assert chosen_weight(errors, "best") == 1
-    assert chosen_weight(errors, "one_standard_error") == 2
+    assert choose_weight_index(errors, "best") == 1
+    assert choose_weight_index(errors, "one_standard_error") == 2
     again = np.repeat(errors, 2, axis=0)
-    assert chosen_weight(again, "one_standard_error") == 1
-    assert chosen_weight(again, "one_standard_error", draws=2) == 2  # no more postures than before
+    assert choose_weight_index(again, "one_standard_error") == 1
+    assert choose_weight_index(again, "one_standard_error", draws=2) == 2  # no more postures than before
     errors[0, 1] = np.nan
-    assert chosen_weight(errors, "best") == 2
+    assert choose_weight_index(errors, "best") == 2
     with pytest.raises(UnsupportedMethodError, match="no penalty") as refused:
-        chosen_weight(np.full((2, 2), np.nan), "best")
+        choose_weight_index(np.full((2, 2), np.nan), "best")
     assert refused.value.where == "link_penalty"
 
 
@@ -398,7 +398,7 @@ def test_a_penalty_that_cannot_be_certified_gives_way_to_the_next(elastic):
     with pytest.raises(UnsupportedMethodError, match="certified") as refused:
         estimate_elastic(folds, model, 1e-30)
     assert (refused.value.where, "or more" in refused.value.remedy) == ("link_penalty", True)
-    found = first_certified(folds, model, (1e-30, 1e-4, 1e-2))
+    found = fit_first_certified(folds, model, (1e-30, 1e-4, 1e-2))
     assert found.penalty == 1e-4
     raised = judge_penalty(1e-5, found.penalty)
     assert [finding.code for finding in raised] == ["link_penalty_raised"]
@@ -451,7 +451,7 @@ def test_predictions_hold_on_beams_at_any_place(elastic):
         cases = LoadCases(held_out.joints, held_out.force, held_out.moment, held_out.load_point, place)
         deflection = predictor.deflect(cases)
         # The readings' own noise widens the intervals that are to hold them.
-        noise = np.hypot(np.sqrt(2.0) * held_out.sigma, np.linalg.norm(deflection.half, axis=2))
+        noise = np.hypot(np.sqrt(2.0) * held_out.sigma, np.linalg.norm(deflection.covariance_root, axis=2))
         apart = np.abs(deflection.displacement - held_out.deflection[:, t])
         held.append(apart <= 1.96 * noise[:, :3])
         bound = error.bound(cases, deflection.leverage, 0.9)
@@ -471,7 +471,7 @@ def test_balls_hardly_grow_within_the_loads_and_in_proportion_beyond(elastic):
     predictor, error = ElasticPredictor.of(robot, found), leave_folds_out(robot, fitted, found)
     assert error.noise == pytest.approx(np.sqrt(2.0) * 2e-5, rel=0.3)
     cases = LoadCases(fitted.joints, fitted.force, fitted.moment, fitted.load_point, fitted.load_point)
-    stored = stored_model(predictor, error)
+    stored = build_stored_model(predictor, error)
     assert stored.error.noise == error.noise
     _, again = forward_model(predictor.robot, stored)
     by_load = []
@@ -506,13 +506,13 @@ def held_out(behind):
 @pytest.mark.parametrize(("behind", "tied"), [(0.5, "diagonal_links"), (1.5, None)])
 def test_links_within_a_standard_error_of_the_base_are_a_tie(behind, tied):
     models = {"joints": 9.0, "joints_and_base": None, "diagonal_links": behind, "joints_and_links": 3.0}
-    chosen = Selection.among(held_out(models), screened=True)
+    chosen = Selection.choose_among(held_out(models), screened=True)
     assert (chosen.simplest, chosen.tied) == ("joints_and_base", tied)
 
 
 def test_a_base_that_links_beat_is_neither_chosen_nor_tied():
     models = {"joints": 9.0, "joints_and_base": 2.0, "diagonal_links": None, "joints_and_links": 0.5}
-    chosen = Selection.among(held_out(models), screened=True)
+    chosen = Selection.choose_among(held_out(models), screened=True)
     assert (chosen.simplest, chosen.tied) == ("diagonal_links", None)
 
 
@@ -547,15 +547,17 @@ def test_a_joined_interval_is_unknown_where_both_are():
 
 def test_a_model_at_another_penalty_is_compared_anew():
     models = held_out({"joints": 3.0, "diagonal_links": None, "joints_and_links": 1.1})
-    before = Selection.among(models, screened=True)
+    before = Selection.choose_among(models, screened=True)
     assert (before.simplest, before.best, before.largest) == (*("diagonal_links",) * 2, "joints_and_links")
     better = replace(models[-1], by_posture=models[1].by_posture - 1e-5, penalty=1e-5)
-    kept = before.with_refined(better)
+    kept = before.replace_refined(better)
     assert (kept.simplest, kept.best, kept.largest) == (*("diagonal_links",) * 2, "joints_and_links")
-    after = Selection.among(kept.models, screened=True)
+    after = Selection.choose_among(kept.models, screened=True)
     assert (after.simplest, after.best, after.largest) == ("joints_and_links",) * 3
     by_huber = replace(better, loss="huber", penalty=1e-4, error=6e-5)
-    assert Selection.among([*kept.models, by_huber], screened=True).of("joints_and_links").penalty == 1e-5
+    assert (
+        Selection.choose_among([*kept.models, by_huber], screened=True).of("joints_and_links").penalty == 1e-5
+    )
 
 
 @pytest.mark.parametrize(
@@ -576,4 +578,4 @@ def test_a_model_at_another_penalty_is_compared_anew():
     ],
 )
 def test_intervals_are_of_the_richest_model_that_holds_the_chosen_one(models, chosen, expected):
-    assert largest_of(models, chosen) == expected
+    assert find_richest_model(models, chosen) == expected

@@ -44,12 +44,12 @@ def draws(what, count=4000):
 
 
 def test_a_share_of_the_joints_is_that_of_their_intervals():
-    found = ahead().reached(JointsGoal(kind="joints", relative=0.2), known())
+    found = ahead().compare_with_goal(JointsGoal(kind="joints", relative=0.2), known())
     half = 2.0 * np.std(draws(known()), axis=0) / ARM.compliances
     np.testing.assert_allclose(found.each, half / 0.2, rtol=0.05)
     assert found.joint == half.argmax()
     assert found.allowed == 0.2
-    nothing = ahead().reached(JointsGoal(kind="joints", relative=0.2), Known.nothing(N))
+    nothing = ahead().compare_with_goal(JointsGoal(kind="joints", relative=0.2), Known.nothing(N))
     assert np.isinf(nothing.each).all()
 
 
@@ -57,7 +57,7 @@ def test_a_share_of_the_joints_is_that_of_their_intervals():
 def test_a_share_of_a_deflection_is_that_of_drawn_compliances(force):
     """Root mean square of a coordinate's deviation over places and forces."""
     here, what = ahead(force=force), known(2)
-    found = here.reached(DeflectionGoal(kind="deflection", uncertainty=1e-4), what)
+    found = here.compare_with_goal(DeflectionGoal(kind="deflection", uncertainty=1e-4), what)
     moved = here.places.reshape(-1, 3, N) @ draws(what, 1500).T
     rms = np.sqrt(moved.var(axis=-1).mean())
     assert found.uncertainty == pytest.approx(2.0 * rms, rel=0.05)
@@ -68,7 +68,7 @@ def test_a_share_of_a_deflection_is_that_of_drawn_compliances(force):
 def test_a_force_of_one_s_own_takes_the_place_of_the_loads():
     goal = DeflectionGoal(kind="deflection", uncertainty=1e-4)
     down, own, twice = (
-        ahead("dead_weight", force).reached(goal, known(2)).uncertainty
+        ahead("dead_weight", force).compare_with_goal(goal, known(2)).uncertainty
         for force in (None, (0.0, 0.0, -800.0), (0.0, 0.0, -1600.0))
     )
     assert [own, twice] == pytest.approx([down, 2.0 * down])
@@ -82,7 +82,7 @@ def test_a_decision_leaves_the_distance_to_the_limit(share):
     drawn = np.linalg.norm(here.places @ draws(what, 1500).T, axis=-2).std(axis=-1)
     most = np.unravel_index(np.argmax(lengths + 2.0 * drawn), lengths.shape)
     limit = float(share * lengths[most])
-    found = here.reached(DecisionGoal(kind="decision", limit=limit), what)
+    found = here.compare_with_goal(DecisionGoal(kind="decision", limit=limit), what)
     assert found.greatest == pytest.approx(lengths[most], rel=0.02)
     assert found.uncertainty == pytest.approx(2.0 * drawn[most], rel=0.1)
     assert found.allowed == pytest.approx(abs(limit - found.greatest), rel=1e-6)
@@ -103,7 +103,7 @@ def test_a_force_that_twists_a_joint_of_which_the_load_says_nothing_is_refused()
         DeflectionGoal(kind="deflection", uncertainty=1e-4),
         DecisionGoal(kind="decision", limit=1e-3),
     ):
-        found = weight.reached(goal, unknown)
+        found = weight.compare_with_goal(goal, unknown)
         assert np.isinf(found.each).all()
         assert found.joint == 2
 
@@ -143,8 +143,8 @@ def test_limits_and_probabilities_are_each_others_inverse(sigma, count):
     expected = Expectation.of(SPRINGS, noisy(0, sigma=sigma), ARM.compliances)
     assert np.isinf(expected.freedom) == (sigma is not None)
     for probability in (0.5, 0.9, 0.999):
-        limit = expected.limit(probability, count)
-        assert expected.probability(limit, count) == pytest.approx(1.0 - probability)
+        limit = expected.distance_quantile(probability, count)
+        assert expected.exceedance_probability(limit, count) == pytest.approx(1.0 - probability)
         if sigma is None:
             assert limit == pytest.approx(count * stats.f.ppf(probability, count, expected.freedom))
         else:

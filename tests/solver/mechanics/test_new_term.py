@@ -8,14 +8,14 @@ from support.campaigns import estimate, prepare
 
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.equilibrium import deflections
-from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest, stack_of
+from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest, build_reading_stack
 from jointstiff.solver.estimation.causes import fit_causes, screen_estimate
 from jointstiff.solver.estimation.estimate import UncertaintyBudget
-from jointstiff.solver.mechanics.block import Term, by_torque
+from jointstiff.solver.mechanics.block import Term, move_by_torque
 from jointstiff.solver.mechanics.measurements import CommonUncertainty
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.terms import TERMS
-from jointstiff.solver.result import stated_budget
+from jointstiff.solver.result import build_budget_message
 
 ARM, ZERO, UNCERTAINTY = default_arm(), np.array([150.0, -100.0, 80.0]), 20.0
 
@@ -23,7 +23,7 @@ ARM, ZERO, UNCERTAINTY = default_arm(), np.array([150.0, -100.0, 80.0]), 20.0
 def cell_zero(block, compliance):
     """Move the targets by a force that is constant in the flange's frame: the zero of a load cell there."""
     force = block.load_jacobian.transpose(0, 2, 1) @ block.postures.flange_rotation
-    return by_torque(block, compliance, force)
+    return move_by_torque(block, compliance, force)
 
 
 @pytest.fixture
@@ -81,7 +81,7 @@ def test_it_has_a_line_in_the_budget_and_a_name_in_the_api(campaign, cell_zero_t
     robot, measurements = campaign
     stated = replace(measurements, common_uncertainty=CommonUncertainty())
     budget = UncertaintyBudget.of(estimate(robot, stated), 0.95)
-    message = stated_budget(budget, robot.joint_names, ())
+    message = build_budget_message(budget, robot.joint_names, ())
     (part,) = (part for part in message.components if part.source == "cell_zero")
     assert all(0.0 < u < 0.1 / k for u, k in zip(part.contributions, ARM.stiffnesses, strict=True))
     # Neglecting K_c is a part of the whole budget alone.
@@ -101,7 +101,9 @@ def test_it_is_a_nuisance_of_plans(campaign, cell_zero_term):
     loads = Loads("any_direction", 1500.0, np.full(6, np.inf))
     equipment = Equipment(np.zeros((3, 3)), measurements.load_point[0], loads, 1e-5)
     request = PlanRequest(equipment, 6, 1.0 / ARM.stiffnesses, np.full(6, np.inf))
-    rows = stack_of(robot, request, measurements).rows[..., :-1]
-    twice = stack_of(robot, replace(request, nominal=2.0 * request.nominal), measurements).rows[..., :-1]
+    rows = build_reading_stack(robot, request, measurements).rows[..., :-1]
+    twice = build_reading_stack(robot, replace(request, nominal=2.0 * request.nominal), measurements).rows[
+        ..., :-1
+    ]
     assert rows.shape == (24, 9, 6 + 3)
     np.testing.assert_allclose(twice[..., 6:], 2.0 * rows[..., 6:])

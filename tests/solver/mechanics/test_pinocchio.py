@@ -18,7 +18,7 @@ from jointstiff.solver.errors import RobotError
 from jointstiff.solver.mechanics.block import regressor_blocks, wrench_stiffness
 from jointstiff.solver.mechanics.chain import ChainJoint, KinematicChain
 from jointstiff.solver.mechanics.postures import Postures
-from jointstiff.solver.mechanics.robot import Robot, standing_still
+from jointstiff.solver.mechanics.robot import Robot, fix_prismatic_joints
 from jointstiff.solver.mechanics.terms import AXES
 
 Z = np.array([0.0, 0.0, 1.0])
@@ -199,7 +199,7 @@ def test_a_model_without_frames_keeps_its_flange_while_its_linear_axis_stands_st
     for i, kind in enumerate(order):
         model.addJoint(i, kinds[kind](), pin.SE3.Random(), kind)
     robot, q = Robot(model), np.array([0.3, 0.7])
-    still = standing_still(robot, q)
+    still = fix_prismatic_joints(robot, q)
     turned = Postures(still, q[[order.index("revolute")]][None]).flange_pose
     np.testing.assert_allclose(turned, Postures(robot, q[None]).flange_pose, rtol=0, atol=1e-15)
 

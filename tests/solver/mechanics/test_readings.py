@@ -33,7 +33,7 @@ from jointstiff.solver.estimation.causes import LINKS_LEVEL, screen_estimate
 from jointstiff.solver.estimation.cones import to_vector
 from jointstiff.solver.estimation.estimate import predict
 from jointstiff.solver.integrity import inspect
-from jointstiff.solver.links.choice import Folds, compared_models
+from jointstiff.solver.links.choice import Folds, list_models_to_compare
 from jointstiff.solver.links.fit import effective_compliances, effective_rows, estimate_elastic
 from jointstiff.solver.links.model import MODELS, WITH_BASE, ElasticColumns, ElasticModel, elastic_blocks
 from jointstiff.solver.mechanics import block as regressor
@@ -381,16 +381,16 @@ def test_a_test_speaks_for_a_pedestal_and_links_have_nothing_to_say_beside_it(pe
     assert screening.base_speaks
     assert screening.base_p_value < 1e-20
     assert screening.links_beside_base > LINKS_LEVEL
-    assert compared_models(screening, None) == ("joints", "joints_and_base")
+    assert list_models_to_compare(screening, None) == ("joints", "joints_and_base")
 
 
 def test_a_clean_arm_has_no_base(pedestal):
     clean = prepare(pedestal_campaign(ARM, np.inf, seed=1))
     screening = screen_estimate(*clean, estimate(*clean))
     assert not screening.base_speaks
-    assert not WITH_BASE & set(compared_models(screening, None))
-    assert not WITH_BASE & set(compared_models(screening, "joints_and_links"))
-    assert compared_models(screening, "joints_and_base") == MODELS
+    assert not WITH_BASE & set(list_models_to_compare(screening, None))
+    assert not WITH_BASE & set(list_models_to_compare(screening, "joints_and_links"))
+    assert list_models_to_compare(screening, "joints_and_base") == MODELS
 
 
 @pytest.mark.parametrize("make", [scara, arm_on_rail, default_arm])

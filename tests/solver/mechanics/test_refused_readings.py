@@ -173,8 +173,8 @@ def test_gauges_give_neither_poses_nor_lengths_of_residuals():
         "targets in every observation"
     )
     assert refused(estimate, *gauges, loss="huber") == (
-        "loss | loss huber compares the lengths of residuals, which a reading along one direction "
-        "does not show | use loss squared, or omit the readings along a direction"
+        "loss | loss huber needs the length of each residual, which a reading along one direction "
+        "does not give | use loss squared, or omit the readings along a direction"
     )
 
 
@@ -226,7 +226,7 @@ OWN = [(f"{OBSERVATIONS}.{i}.readings.{k}.sigma", (1 + k) * 1e-5) for i in range
         (
             [(NOISE, {"instrument": SHEET | {"range": {"constant": 0.0, "per_distance": 0.0}}})],
             f"{NOISE}.instrument.range",
-            "give a positive `constant` or `per_distance`; without either omit the statement",
+            "give a positive `constant` or `per_distance`; omit this field if all are zero",
         ),
         (
             [(NOISE, None), (f"{FIRST}.unloaded_covariance", ONE)],

@@ -11,8 +11,8 @@ from jointstiff.schemas.robot import DhRow
 from jointstiff.solver.errors import RobotError
 from jointstiff.solver.mechanics.chain import ChainJoint, KinematicChain, dh_chain
 from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
-from jointstiff.solver.mechanics.robot import JointMap, Robot, standing_still
-from jointstiff.solver.mechanics.urdf import quoted, read_urdf, write_urdf
+from jointstiff.solver.mechanics.robot import JointMap, Robot, fix_prismatic_joints
+from jointstiff.solver.mechanics.urdf import quote, read_urdf, write_urdf
 
 UNIT = {"kind": "revolute", "rotation": np.eye(3), "translation": np.zeros(3), "axis": np.eye(3)[2]}
 
@@ -108,8 +108,8 @@ def test_rows_of_either_convention_are_checked():
 
 
 def test_a_quoted_text_is_short_and_can_be_printed():
-    assert quoted("ab", 2) == "'ab'"
-    assert quoted("é\n", 1) == "'\\xe9'…"
+    assert quote("ab", 2) == "'ab'"
+    assert quote("é\n", 1) == "'\\xe9'…"
 
 
 PLACED = {"rotation": pin.rpy.rpyToMatrix(0.1, -0.2, 0.3), "translation": np.array([0.1, 0.2, 0.3])}
@@ -141,7 +141,7 @@ def test_an_arm_whose_linear_axes_stand_still_is_the_same_arm():
     joint_map = JointMap.from_rows(matrix.tolist(), [0.1, 0.2, 0.3, 0.4])
     robot = Robot(KinematicChain("arm", "base", "l4", joints).model(), joint_map)
     q = np.array([[0.3, 0.1, -0.5, 0.2], [-0.7, 0.1, 0.4, 0.2]])
-    still = standing_still(robot, q[0])
+    still = fix_prismatic_joints(robot, q[0])
     assert still.joint_names == ("a", "c")
     found = flange_poses(still, still.joint_map.model_angles(q[:, [0, 2]]))
     np.testing.assert_allclose(found, flange_poses(robot, joint_map.model_angles(q)), rtol=0, atol=1e-14)

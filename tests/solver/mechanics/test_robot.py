@@ -31,7 +31,7 @@ from jointstiff.solver.mechanics.inverse import (
     flange_poses,
 )
 from jointstiff.solver.mechanics.postures import Postures, skew
-from jointstiff.solver.mechanics.robot import JointMap, Robot, standing_still
+from jointstiff.solver.mechanics.robot import JointMap, Robot, fix_prismatic_joints
 from jointstiff.solver.mechanics.urdf import read_urdf, write_urdf
 
 Z = np.array([0.0, 0.0, 1.0])
@@ -346,4 +346,4 @@ def test_a_rail_that_moves_with_one_rotary_axis_of_the_controller_cannot_stand_s
     matrix[0, 4] = 0.3
     robot = Robot(robot_of(arm_on_rail()).model, JointMap(matrix, np.zeros(7)))
     with pytest.raises(RobotError, match="cannot stand still"):
-        standing_still(robot, np.zeros(7))
+        fix_prismatic_joints(robot, np.zeros(7))

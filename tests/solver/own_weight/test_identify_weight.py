@@ -31,8 +31,14 @@ from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Body
 from jointstiff.solver.own_weight.identification import identify_weight
-from jointstiff.solver.own_weight.masses import FreedMass, contradicted, freed_masses, unchecked, widened
-from jointstiff.solver.own_weight.rows import Burden, rows_at
+from jointstiff.solver.own_weight.masses import (
+    FreedMass,
+    find_contradicted_mass,
+    fit_freed_masses,
+    report_unchecked_masses,
+    widen_mass_bounds,
+)
+from jointstiff.solver.own_weight.rows import Burden, linearise_readings
 from jointstiff.solver.predict.forward import CorrectionLimits, compensate
 from jointstiff.solver.predict.models import JointModel
 
@@ -118,13 +124,13 @@ def test_a_base_that_tilts_is_found_and_takes_nothing_from_the_joints():
 def test_a_mass_of_which_no_reading_tells_is_neither_checked_nor_contradicted():
     readings = campaign(postures=12, stated=burden_of(BODIES, 0.1))
     problem = identify_weight(ROBOT, readings).fit.reduced
-    assert freed_masses(problem, readings.burden, 1.0)
+    assert fit_freed_masses(problem, readings.burden, 1.0)
     by_joints = np.zeros(problem.A.shape)
     by_joints[:, problem.cones.first] = problem.A[:, problem.cones.first]
-    freed = freed_masses(replace(problem, A=by_joints), readings.burden, 1.0)
+    freed = fit_freed_masses(replace(problem, A=by_joints), readings.burden, 1.0)
     assert [each.uncertainty for each in freed] == [np.inf] * 5
     assert not any(each.doubled.any() for each in freed)
-    assert contradicted(freed) is None
+    assert find_contradicted_mass(freed) is None
 
 
 @pytest.mark.parametrize("body", [1, 4])
@@ -134,10 +140,10 @@ def test_of_one_body_alone_its_weight_times_compliances_is_told_and_twice_its_ma
     stated = Burden((burden_of(BODIES, 0.1).bodies[body],), ())
     readings = campaign(bodies=alone, stated=stated)
     estimate = identify_weight(ROBOT, readings)
-    (freed,) = freed_masses(estimate.fit.reduced, stated, 1.0)
+    (freed,) = fit_freed_masses(estimate.fit.reduced, stated, 1.0)
     assert freed.uncertainty == np.inf
     np.testing.assert_allclose(freed.doubled, -1.0, rtol=1e-6)
-    remark = unchecked(stated.bodies, [freed])
+    remark = report_unchecked_masses(stated.bodies, [freed])
     assert f"do not check the mass of {stated.bodies[0].name}: " in remark.message
     assert "by up to 1e+02 %" in remark.message
 
@@ -256,7 +262,7 @@ def test_a_joint_that_known_loads_alone_twist_is_identified():
 def test_a_mass_is_widened_by_two_standard_uncertainties():
     body = Body("arm", 1, 10.0, 9.0, 11.0, (0.0, 0.0, 0.0))
     for mass, bounds in ((5.0, (3, 11)), (20.0, (9, 22)), (1.0, (0, 11)), (10.0, (8, 12))):
-        (wide,) = widened((body,), FreedMass(0, mass, 1.0, 20.0, np.zeros(1)))
+        (wide,) = widen_mass_bounds((body,), FreedMass(0, mass, 1.0, 20.0, np.zeros(1)))
         assert (wide.least, wide.most) == bounds
 
 
@@ -269,7 +275,7 @@ def rows_of(readings, theta=None):
     axes, flange = chain_axes(ROBOT.chain)
     theta = np.zeros(readings.poses.angles.shape) if theta is None else theta
     state = PoseState(axes, transformed(flange, POINTS), np.zeros(len(theta)))
-    return rows_at(ROBOT, readings, readings.poses.whitened, state, theta, theta[0])
+    return linearise_readings(ROBOT, readings, readings.poses.whitened, state, theta, theta[0])
 
 
 @pytest.mark.parametrize("spring", [None, SPRING])

@@ -35,7 +35,7 @@ from jointstiff.solver.predict.models import (
     JointModel,
     ModelError,
     leave_postures_out,
-    merged_steps,
+    merge_score_steps,
 )
 
 ARM = default_arm()
@@ -446,7 +446,7 @@ def test_merged_steps_round_quantiles_up_by_little():
     posture = np.sort(generator.integers(0, 150, 3000))
     score = generator.random(len(posture)) * (1.0 + posture)
     score[generator.random(len(score)) < 0.01] = np.inf
-    merged, share = merged_steps(posture, score)
+    merged, share = merge_score_steps(posture, score)
     assert len(merged) <= MOST_STEPS + 1
     error = ModelError(150, merged, share, 1.0, 0.0, 0.1, 1.0)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypedDict, Unpack
 
-from jointstiff.service.kinds.verb import Door, Follow, describe_fields, stated
+from jointstiff.service.kinds.verb import Door, Follow, describe_fields, merge_options
 
 from .kind import SMALL, Small, SmallOptions
 
@@ -35,7 +35,7 @@ def count(
     with Follow(on_progress, cancel, executor) as follow:
         door = door.begun(follow)
         request = {"measurement_set_id": door.measured(campaign)[0]}
-        return door.done(SMALL, request | stated(SmallOptions, options, fields), {}, follow)
+        return door.done(SMALL, request | merge_options(SmallOptions, options, fields), {}, follow)
 
 
 describe_fields(count, SmallOptions)
