@@ -222,7 +222,7 @@ def run_child(descriptor: int) -> None:
         store = stack.enter_context(Store.open(database, quota))
         queue = stack.enter_context(closing(Queue(store, database)))
         app = create_app(store, queue.enqueue, Posture(hosts=None))
-        app.state.is_closing = lambda: True  # the service itself waits for workers
+        app.state.is_closing = lambda: True  # no request waits here for workers: the service itself does
         with suppress(OSError):  # without /proc there is no limit of memory
             # Its sixth number is the size of data and stack, the memory of the idle process.
             pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])

@@ -440,18 +440,19 @@ class LiveMeasurement:
             self.release_source()
             raise
 
-    def _read_posture(
-        self, following: PlannedReading, person: Person
-    ) -> Literal["read", "again", "skip", "stop"]:
+    def _read_posture(self, planned: PlannedReading, person: Person) -> Literal["read", "skip", "stop"]:
         """Read a posture until its reading is kept; return `read`, or the person's decision to skip or stop.
 
         A doubtful reading is withdrawn and read again with a new label, unless the person keeps it.
+
+        Raises:
+            AwayError: the service does not answer.
         """
         missed = doubted = False
         while True:
             answer: Literal["read", "again", "skip", "stop"]
             try:
-                answer = self._read_once(following, person)
+                answer = self._read_once(planned, person)
             except AwayError:
                 raise
             except (SourceError, ProblemError) as error:
@@ -471,7 +472,7 @@ class LiveMeasurement:
             self.withdraw(reading.label, _READ_AGAIN)
             missed, doubted = False, True
             label = f"m{1 + len(self.state.readings):02d}"
-            following = following.model_copy(update={"label": label})
+            planned = planned.model_copy(update={"label": label})
 
     def _settle_earlier(self, person: Person) -> None:
         """Withdraw or keep, as the person decides, earlier readings that have become doubtful."""

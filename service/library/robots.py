@@ -133,7 +133,7 @@ def _robot_of_object(
 
 
 def plain_fields(fields: Message | Mapping[str, Any]) -> dict[str, Any]:
-    """Return fields for JSON: messages become dictionaries, and None is left out."""
+    """Return fields for JSON: of a message those that were set, of a mapping those that are not None."""
     if isinstance(fields, Message):
         return fields.model_dump(mode="json", exclude_unset=True)
     return {

@@ -231,7 +231,7 @@ class LiveCampaign:
     @property
     def run_options(self) -> dict[str, Any]:
         """Options of the run that identifies the set: `weight` for readings without a load, and `priors`."""
-        return {"weight": self.progress.weight, "priors": self.progress.counting_priors}
+        return {"weight": self.progress.weight, "priors": self.progress.priors_in_use}
 
     def state(self, measurement_set_id: str | None = None, run_id: str | None = None) -> live.LiveState:
         """Return the state of the campaign and the next reading, and the ids of set and run after closing."""

@@ -95,7 +95,7 @@ def declared(
         kept = set(MeasurementSetHeader.model_fields) & campaign.model_fields_set
         header = {name: getattr(campaign, name) for name in kept}
         measurements = prepare_set(campaign, robot, "robot").measurements
-        stated = _equipment_of(robot.robot, measurements, goal, weight) | stated
+        stated = _derive_live_options(robot.robot, measurements, goal, weight) | stated
     sigma = stated.get("sigma")
     noise: Noise | None = header.get("noise")
     if sigma is not None:
@@ -132,28 +132,32 @@ def completed(post: OpenPost, options: LiveOptions) -> OpenPost:
     return post.model_copy(update={"load_point": point, "open": options.model_copy(update=missing)})
 
 
-def _equipment_of(
+def _derive_live_options(
     robot: Robot, measurements: Measurements, goal: Goal, weight: OwnWeight | None
 ) -> dict[str, Any]:
-    """Return options of an open set from a campaign: load, targets, load point, and work area if needed.
+    """Return options of a live campaign like these measurements: load, targets, load point, work area.
 
-    The load is a dead weight if all forces point down. Targets nearer than 1 µm to each other are one target.
+    The load is a dead weight if all forces point down, and the own weight if there are none. Targets nearer
+    than 1 µm to each other are one target. Goals for joints need no work area.
     """
     m, size = measurements, np.linalg.norm(measurements.force, axis=1)  # size of each force [N]
     places = targets_in_flange(robot, m)
     unique = np.sort(np.unique(np.round(places, 6), axis=0, return_index=True)[1])
-    taken: dict[str, Any] = {"targets": {m.targets[t]: tuple(places[t].tolist()) for t in unique}}
+    options: dict[str, Any] = {"targets": {m.targets[t]: tuple(places[t].tolist()) for t in unique}}
     strongest = float(size.max())
     if strongest == 0.0:
-        return taken | {"load": weight or OwnWeight()}
+        return options | {"load": weight or OwnWeight()}
     down = bool((m.force[:, 2] <= _DOWN * size).all())
     load: PlannedLoad = AnyDirection(kind="any_direction", force=strongest)
     if down:
         load = DeadWeight(kind="dead_weight", force=strongest)
-    taken |= {"load": load, "load_point": tuple(m.load_point[int(np.argmax(size))].tolist())}
+    options |= {"load": load, "load_point": tuple(m.load_point[int(np.argmax(size))].tolist())}
     if not isinstance(goal, JointsGoal):
         loaded = m.load_point[size > 0.0][:, None]
-        now = Postures(robot, robot.joint_map.model_angles(m.joints[size > 0.0]))
-        spots: FloatArray = now.to_base(loaded)[:, 0]
-        taken["work_area"] = (tuple(spots.min(axis=0).tolist()), tuple(spots.max(axis=0).tolist()))
-    return taken
+        loaded_postures = Postures(robot, robot.joint_map.model_angles(m.joints[size > 0.0]))
+        load_places: FloatArray = loaded_postures.to_base(loaded)[:, 0]
+        options["work_area"] = (
+            tuple(load_places.min(axis=0).tolist()),
+            tuple(load_places.max(axis=0).tolist()),
+        )
+    return options

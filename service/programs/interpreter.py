@@ -270,9 +270,11 @@ class Machine:
         self._callers: dict[str, set[str]] = defaultdict(set)  # callers of each routine
         self._incoming: dict[int, State] = {}  # state led to a place, other than from the step before
         self._exits: dict[str, State | None] = {}  # state at the end of each routine
-        self._acts: dict[str, list[int]] = {}  # indices of each routine's operations other than moves
+        self._state_operations: dict[
+            str, list[int]
+        ] = {}  # indices of each routine's operations other than moves
         self._open: list[str] = []  # routines that are being passed through
-        self._moved = True  # whether a state has changed in this pass
+        self._state_changed = True  # whether a state has changed in this pass
         self._repeats: dict[int, array[int]] = defaultdict(partial(array, "q"))  # lines and first numbers
         self._named: dict[str, FrameName] = {}  # frames that are known by name
         self._poses: dict[tuple[Given, ...], FloatArray | None] = {}
@@ -482,7 +484,7 @@ class Machine:
                 cause = Cause(0, reason, "set the frames in the routine, before its moves")
                 self._incoming[begin] = {UNKNOWN: (cause, 0)}
 
-    def _pass_routine(self, routine: str, indices: Iterable[int]) -> None:
+    def _propagate_through(self, routine: str, indices: Iterable[int]) -> None:
         """Carry states through the operations `indices` of a routine once; judge the moves among them."""
         state: State | None = {}
         shared = False  # whether the state is kept elsewhere, too
@@ -503,7 +505,7 @@ class Machine:
                     state, shared = dict(state), False
                 self._update_state(state, i)
         self._open.pop()
-        self._moved |= self._exits.get(routine) != state
+        self._state_changed |= self._exits.get(routine) != state
         self._exits[routine] = state
 
     def _lead_onward(self, op: ir.Flow, i: int, state: State | None) -> State | None:
@@ -518,7 +520,7 @@ class Machine:
         """Return the state behind a call; None if the routine's end was not reached yet."""
         is_new = self._lead_to(self._flow.begins[routine], state)
         if is_new and routine not in self._open and len(self._open) < _MAX_CALLS:
-            self._pass_routine(routine, self._acts[routine])
+            self._propagate_through(routine, self._state_operations[routine])
         returned, changed = self._exits.get(routine), self._changed[routine]
         if returned is None:
             return None
@@ -534,7 +536,7 @@ class Machine:
         if joined is None or joined is known:
             return False
         self._incoming[place] = joined
-        self._moved = True
+        self._state_changed = True
         return True
 
     def _join_states(self, known: State | None, state: State | None) -> State | None:
@@ -638,8 +640,10 @@ class Machine:
     def interpret(self) -> tuple[Columns, dict[str, int], list[Cause]]:
         """Read and interpret the program.
 
+        States are passed through the routines until none changes; a last pass adds the moves.
+
         Returns:
-            Targets and moves; lines of names that are used for something else than targets; causes why
+            Targets and moves; the line of each name that is used other than as a target; causes why
             statements are not understood.
 
         Raises:
@@ -664,15 +668,17 @@ class Machine:
         self._enter_routines()
         bodies = self._flow.bodies
         for name, body in bodies.items():
-            self._acts[name] = [i for i in body if not isinstance(self._ops[i], ir.Move | ir.Keep)]
+            self._state_operations[name] = [
+                i for i in body if not isinstance(self._ops[i], ir.Move | ir.Keep)
+            ]
         order = list(bodies)
-        while self._moved:
-            self._moved = False
+        while self._state_changed:
+            self._state_changed = False
             for name in order:
-                self._pass_routine(name, self._acts[name])
+                self._propagate_through(name, self._state_operations[name])
             order.reverse()  # callers first carries states into routines, callees first carries them back
         for name, body in bodies.items():
-            self._pass_routine(name, body)
+            self._propagate_through(name, body)
         return self.columns, self._used, self._causes
 
     def _judge_move(self, op: ir.Move | ir.Keep, i: int, state: State | None) -> None:

@@ -57,9 +57,9 @@ def read_table(machine: Machine, sources: tuple[Source, ...]) -> None:
         machine.add(0, source.starts[head + 1 :], source.ends[head + 1 :], translate=translate)
 
 
-def _is_row(shape: str) -> bool:
+def _is_row(line: str) -> bool:
     """Return whether a line is neither empty nor a comment."""
-    return bool(shape.strip()) and not shape.lstrip().startswith("#")
+    return bool(line.strip()) and not line.lstrip().startswith("#")
 
 
 class _TableColumns(NamedTuple):
@@ -74,9 +74,10 @@ class _TableColumns(NamedTuple):
 
 
 def _translate_row(columns: _TableColumns, shape: str) -> list[tuple[int, Op]]:
-    """Return the move of a row, which is left as it is if a cell is not a number or the tool changes.
+    """Return a row as a list of one move with its offset in the row, 0; an empty line gives no move.
 
-    `shape` is the text of the row with NUL in place of each number. A line without cells gives no move.
+    If a cell is not a number or the tool changes, the move has the reason why it is not corrected. `shape` is
+    the text of the row with NUL in place of each number.
     """
     if not _is_row(shape):
         return []

@@ -72,7 +72,13 @@ def read_content(path: Path) -> bytes:
 def parse_content(
     content: bytes, message: type[Document], path: Path | None = None, section: str | None = None
 ) -> Document:
-    """Validate the content of a file as a message; `path` is for errors, `section` as in `read_document`.
+    """Validate the content of a file as a message.
+
+    Args:
+        content: bytes of the file.
+        message: class of the message.
+        path: name of the file, for errors.
+        section: field of the file's object that holds the message; None if the whole file is the message.
 
     Raises:
         CampaignError: the content is no such message.

@@ -110,7 +110,7 @@ class RunModel:
             run: run that identified this robot.
             absolute: whether predictions include the sag by the own weight that the run identified.
             masses: masses of the links; without any, own weight is left out.
-            length: factor to m of the unit of the masses' centres.
+            length: metres in one unit of the masses' centres (0.001 for mm).
 
         Raises:
             RequestError: the run has no model or is of another robot, or the own weight does not fit it.

@@ -392,15 +392,16 @@ class Gate:
         self._last_noted = {one: at for one, at in self._last_noted.items() if now - at < MINUTE} | {
             name: now
         }
-        task = asyncio.get_running_loop().create_task(self._write_use(write, name, now))
+        task = asyncio.get_running_loop().create_task(self._store_last_use(write, name, now))
         self._note_tasks.add(task)
         task.add_done_callback(self._note_tasks.discard)
 
-    async def _write_use(self, write: Callable[[str, datetime], Any], name: str, now: datetime) -> None:
+    async def _store_last_use(self, write: Callable[[str, datetime], Any], name: str, now: datetime) -> None:
+        """Store that a key or session was used; if that fails, forget it, so that a later use is stored."""
         try:
             await run_sync(write, name, now, limiter=self._database_slots)
         except (StoreError, asyncio.CancelledError):
-            self._last_noted.pop(name, None)  # a later use is noted instead
+            self._last_noted.pop(name, None)
 
 
 def cookie_name(connection: HTTPConnection) -> str:

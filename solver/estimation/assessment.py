@@ -154,7 +154,11 @@ def assess(
         screening = None
     causes: Sequence[Cause] = () if screening is None else screening.causes
     if better is not None:
-        if screening is not None and screening.proved and causes[0].ratio < LARGEST_RATIO * better.ratio:
+        if (
+            screening is not None
+            and screening.makes_links_unnecessary
+            and causes[0].ratio < LARGEST_RATIO * better.ratio
+        ):
             better = None
         else:
             screening, causes = None, ()
@@ -285,9 +289,9 @@ def report_alternative(robot: Robot, measurements: Measurements, better: BetterA
 def report_causes(causes: Sequence[Cause], estimate: Estimate) -> Finding:
     """Return the finding that a cause explains the readings better, or several causes that do so equally.
 
-    Its weight is "do_not_use" if the causes are proved and change a compliance by more than `HARMFUL`. A
-    change by the load point counts only beyond the uncertainty that the intervals already include: an assumed
-    load point includes 10 mm, while a load point stated to 1 mm does not.
+    Its weight is "do_not_use" if the causes make links unnecessary and change a compliance by more than
+    `HARMFUL`. A change by the load point counts only beyond the uncertainty that the intervals already
+    include: an assumed load point includes 10 mm, while a load point stated to 1 mm does not.
     """
     whats, remedies, changes, harm = [], [], [0.0], False
     for cause in causes:
@@ -304,11 +308,11 @@ def report_causes(causes: Sequence[Cause], estimate: Estimate) -> Finding:
             harmful &= change * estimate.compliance[known] > COVERED * covered
         changes.append(float(change.max(initial=0.0)))
         harm |= bool(harmful.any())
-    proved = all(cause.proved for cause in causes)
-    others = "" if proved else ", but links may bend as well"
+    links_unnecessary = all(cause.makes_links_unnecessary for cause in causes)
+    others = "" if links_unnecessary else ", but links may bend as well"
     return Finding(
         code="alternative_explains_better",
-        weight="do_not_use" if proved and harm else "use_with_care",
+        weight="do_not_use" if links_unnecessary and harm else "use_with_care",
         message=f"with {', or with '.join(whats)}, the joints explain the readings better than chance allows "
         f"(F test, p = {max(cause.p_value for cause in causes):.1g}){others}; a compliance changes by "
         f"{100 * max(changes):.2g} %",

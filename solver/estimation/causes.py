@@ -112,8 +112,8 @@ class Cause:
     criterion: float  #: Bayesian information criterion; the least is preferred
 
     @property
-    def proved(self) -> bool:
-        """True if the cause leaves nothing for links to explain."""
+    def makes_links_unnecessary(self) -> bool:
+        """True if, with this cause fitted, a test no longer finds that links bend (p ≥ `LINKS_LEVEL`)."""
         return self.links_p_value >= LINKS_LEVEL
 
 
@@ -150,27 +150,27 @@ class Screening:
     comparable: bool = True  #: whether the options allow a comparison of joints alone with elastic links
 
     @property
-    def proved(self) -> bool:
+    def makes_links_unnecessary(self) -> bool:
         """True if causes were found, and each leaves nothing for links to explain."""
-        return bool(self.causes) and all(cause.proved for cause in self.causes)
+        return bool(self.causes) and all(cause.makes_links_unnecessary for cause in self.causes)
 
     @property
     def lack_of_fit(self) -> bool:
         """True if links explain the readings better, by cross-validation, or else by the F test."""
-        proved, gain = self.links_p_value < MISTAKE_LEVEL, self.gain
+        significant, gain = self.links_p_value < MISTAKE_LEVEL, self.gain
         if gain is not None:
-            proved = gain.error_of_joints - gain.error > CLEAR_GAIN * gain.standard_error
-        return self.links_speak and proved
+            significant = gain.error_of_joints - gain.error > CLEAR_GAIN * gain.standard_error
+        return self.links_speak and significant
 
     @property
     def links_speak(self) -> bool:
         """True if models with links should be cross-validated: significant, and not explained by a cause."""
-        return self.links_p_value < LINKS_LEVEL and not self.proved
+        return self.links_p_value < LINKS_LEVEL and not self.makes_links_unnecessary
 
     @property
     def base_speaks(self) -> bool:
         """True if a bending base should be cross-validated: significant, and not explained by a cause."""
-        return self.base_p_value < MISTAKE_LEVEL and not self.proved
+        return self.base_p_value < MISTAKE_LEVEL and not self.makes_links_unnecessary
 
 
 def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate) -> Screening:
@@ -204,7 +204,7 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
     named = tuple(cause for cause in reversed(of_name.values()) if cause.criterion <= best + AS_WELL)
     # If links explain the readings better than any cause, keep only causes that leave nothing for links.
     if links < LINKS_LEVEL and triangles.links_criterion() < best - AS_WELL:
-        named = tuple(cause for cause in named if cause.proved)
+        named = tuple(cause for cause in named if cause.makes_links_unnecessary)
     listed = tuple(CauseTest(name=each.name, first=each.first, p_value=tests[each]) for each in ordered)
     if base >= MISTAKE_LEVEL:
         return Screening(links, listed, named, base_p_value=base)

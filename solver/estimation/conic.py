@@ -36,8 +36,8 @@ GAP: Final = 1e-8
 """Greatest excess of the loss over its optimum, with ‖b‖ = 1, that `solve_weighed` accepts."""
 _CONE_LADDER: Final = (1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 """Tolerances of Clarabel, tried in this order: not every problem can be solved to the tightest."""
-_NORMS_LADDER: Final = (1e-7, 1e-8, 1e-9, 1e-10)
-_WEIGHED_LADDER: Final = (1e-10, 1e-9, 1e-8)
+_NORMS_TOLERANCES: Final = (1e-7, 1e-8, 1e-9, 1e-10)
+_WEIGHED_TOLERANCES: Final = (1e-10, 1e-9, 1e-8)
 _END_LADDER: Final = (1e-8, 1e-7, 1e-6)
 """Tolerances of Clarabel for ends of intervals; an end needs no more digits than the last tolerance gives."""
 _NEAR_LEAST_SQUARES: Final = 1e-6
@@ -197,7 +197,7 @@ def solve_robust(program: RobustProgram, *, gap: float, accepted: float | None =
     """Solve a program with a robust loss by Clarabel, and certify the optimum.
 
     Args:
-        program: all numbers finite.
+        program: the fit to solve; all of its numbers must be finite.
         gap: the search ends when the objective exceeds the optimum by at most this.
         accepted: greatest excess that is accepted if no answer reaches `gap`; None for `gap`.
 
@@ -209,11 +209,11 @@ def solve_robust(program: RobustProgram, *, gap: float, accepted: float | None =
         """Yield points with their certificates by ever tighter tolerances."""
         penalty, root = program.loss.cone.penalty(program.weight), np.sqrt(program.threshold)
         data = {"p": penalty, "root": np.array([root])}
-        for tolerance in _NORMS_LADDER:
+        for tolerance in _NORMS_TOLERANCES:
             solution = program.loss.program.solve_with_duals(data, tolerance)
             if solution is not None:
                 x = program.loss.cone.project(solution[0])
-                dual = -solution[1].reshape(-1, 4)[:, 1:]  # each cone's multipliers are (weight, −ν)
+                dual = -solution[1].reshape(-1, 4)[:, 1:]  # of each cone's four, the last are −ν
                 yield ConeSolution(x, certify_robust(program, x, dual))
 
     return _select_certified(propose_solutions(), gap, accepted)
@@ -568,7 +568,7 @@ class Weighed(ConeSolution):
 
 
 def solve_weighed(A: FloatArray, b: FloatArray, cones: Cones) -> Weighed:
-    """Solve ``minimise ‖A x − b‖²`` over cones of products by Clarabel, and certify the optimum.
+    """Solve ``minimise ‖A x − b‖²`` over cones of masses and moments by Clarabel, and certify the optimum.
 
     For any x and y: ``‖A y − b‖² ≥ ‖A x − b‖² + 2 gᵀ(y − x)`` with g = Aᵀ(A x − b), so that the excess is at
     most ``2 (gᵀx − min gᵀy)``.
@@ -588,7 +588,7 @@ def solve_weighed(A: FloatArray, b: FloatArray, cones: Cones) -> Weighed:
 
     def propose_solutions() -> Iterator[Weighed]:
         """Yield points with their certificates, tolerance by tolerance."""
-        for tolerance in _WEIGHED_LADDER:
+        for tolerance in _WEIGHED_TOLERANCES:
             point = program.solve({"A": A, "b": b / size, "cap": cones.cap / size}, tolerance)
             if point is not None:
                 x = cones.projected(size * point)
@@ -627,7 +627,7 @@ def weighed_ends(A: FloatArray, b: FloatArray, optimum: Weighed, rise: float, co
     for j, side in np.ndindex(bounds.shape):
         a = np.zeros(len(optimum.x))
         a[cones.first[j]] = (1.0, -1.0)[side]
-        solution = program.solve_with_duals({"a": a, **data}, *_WEIGHED_LADDER)
+        solution = program.solve_with_duals({"a": a, **data}, *_WEIGHED_TOLERANCES)
         if solution is not None:
             duals[j, side] = a, solution[1][1 : 1 + len(b)]
     cap = cones.cap

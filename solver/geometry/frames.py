@@ -803,24 +803,24 @@ def compare_links(
     ]
     expected = compute_link_geometry(axes, nominal_flange, parallel)
 
-    def link_numbers(moved: Sequence[Axis], points: FloatArray) -> FloatArray:
-        """Return the link parameters (5 n - 3,) of axes and targets given in the tracker's frame."""
-        T = base.place(moved)
-        placed = T * flange.place(moved, points)
+    def link_parameters(axes: Sequence[Axis], points: FloatArray) -> FloatArray:
+        """Return the link parameters (5 n - 3,) of axes and targets in the tracker's frame, placed in R0."""
+        T = base.place(axes)
+        placed = T * flange.place(axes, points)
         return compute_link_geometry(
-            [axis.moved(T) for axis in moved], placed, parallel, expected.signs
+            [axis.moved(T) for axis in axes], placed, parallel, expected.signs
         ).numbers
 
-    def changes_of_numbers(moved: Sequence[Axis], points: FloatArray) -> FloatArray:
+    def changes_of_parameters(axes: Sequence[Axis], points: FloatArray) -> FloatArray:
         """Return how much the link parameters (5 n - 3,) differ from the identified values.
 
         Arctangents remove full turns of angles; on lengths they do nothing, as steps are far below π.
         """
-        gap = link_numbers(moved, points) - values
+        gap = link_parameters(axes, points) - values
         return np.arctan2(np.sin(gap), np.cos(gap))
 
-    values = link_numbers(identified.axes, identified.targets)
-    spread = identified.standard_uncertainties(identified.jacobian_of(changes_of_numbers))
+    values = link_parameters(identified.axes, identified.targets)
+    spread = identified.standard_uncertainties(identified.jacobian_of(changes_of_parameters))
     labels = [(q, i) for q in ("a", "alpha", "beta") for i in range(n - 1)]
     labels += [(q, i) for q in ("d", "theta") for i in range(n)]
     conventions = {(q, i) for q in ("d", "theta") for i in (0, n - 1)}

@@ -150,7 +150,7 @@ class Competition:
 
     @property
     def screening(self) -> Screening:
-        """Tests of what joints alone leave unexplained by the squared loss."""
+        """Tests of the residuals of joints alone, fitted with the squared loss, for other causes."""
         return self._joints.with_loss("squared").screening
 
     def steps(self) -> tuple[tuple[int, int], ...]:
@@ -251,7 +251,10 @@ class Competition:
         return next(model for model in self._models if model.key == (held_out.model, held_out.loss))
 
     def _refine(self, held_out: HeldOut, selection: Selection, paths: _Paths) -> Selection:
-        """Return the selection with one model at a finer penalty; the model's path is replaced in `paths`."""
+        """Search the penalty of the model with this score on a finer grid; return the new selection.
+
+        The path of the model in `paths` is replaced.
+        """
         model = self._find_model(held_out)
         paths[model.key] = refine_path(self._folds, model, paths[model.key])
         of_model = select_model(self._folds, {model.key: paths[model.key]}, held_out.model)

@@ -184,14 +184,17 @@ class Expectation:
         square = float(np.square(off).sum())
         return square, float(special.chdtrc(off.size, square)) if off.size else 1.0
 
-    def distance_quantile(self, probability: float, count: int) -> float:
-        """Return the squared distance that a reading of so many coordinates keeps within by a probability."""
+    def squared_distance_quantile(self, probability: float, count: int) -> float:
+        """Return the quantile of the squared Mahalanobis distance of a reading with `count` coordinates.
+
+        Chi-square, or ``count · F`` where sigma is estimated with `freedom` degrees of freedom.
+        """
         if np.isinf(self.freedom):
             return float(special.chdtri(count, 1.0 - probability))
         return float(count * special.fdtri(count, self.freedom, probability))
 
     def exceedance_probability(self, square: float, count: int) -> float:
-        """Return the probability of a squared distance at least as great for so many coordinates."""
+        """Return the probability of a squared Mahalanobis distance above `square` for `count` coordinates."""
         if count < 1:
             return 0.0
         if np.isinf(self.freedom):
@@ -290,7 +293,7 @@ def held_out(robot: Robot, measurements: Measurements, compliance: FloatArray, r
         if expected is None:
             return None
         square, _, count = expected.measure_distance(reading)
-        limit = expected.distance_quantile(_BALL, count)
+        limit = expected.squared_distance_quantile(_BALL, count)
         if len(others) >= _FEWEST:
             own = np.sort(_cross_check_readings(expected, others, 0.0)[:, 0])
             limit = max(limit, float(own[min(len(own) - 1, int(np.ceil(_BALL * (len(own) + 1))) - 1)]))

@@ -112,7 +112,7 @@ class Progress:
 
         None before the first reading.
         """
-        counting = self.counting_priors
+        counting = self.priors_in_use
         return self._identify_with_priors(counting) if counting else self._result_without_priors
 
     @cached_property
@@ -143,8 +143,8 @@ class Progress:
         return standings(self.ahead.robot.joint_names, own, self.priors)
 
     @property
-    def counting_priors(self) -> dict[str, StiffnessPrior]:
-        """Priors that count, by the name of the joint."""
+    def priors_in_use(self) -> dict[str, StiffnessPrior]:
+        """Priors that the estimate uses, by the name of the joint; the others wait or deviate."""
         return {name: self.priors[name] for name, each in self.standings.items() if each == "counts"}
 
     @cached_property

@@ -53,8 +53,8 @@ from jointstiff.solver.own_weight.rows import (
     Reduced,
     WeightReadings,
     WeightRows,
-    compute_base_motion,
     compute_torques,
+    differentiate_by_base_compliance,
     linearise_readings,
     perpendicular_basis,
 )
@@ -390,12 +390,12 @@ def fit_with_proved_corrections(
         try_further_fit(fit_with_bodies, bodies, by_loads, free_base=True),
     )
     p_value = 1.0 if tilting is None else compute_tilt_p_value(rigid, tilting, burden, by_loads, least)
-    proved = p_value < _BASE_LEVEL
+    base_tilts = p_value < _BASE_LEVEL
     if tilting is None and free_base:
         findings.append(_BASE_UNCHECKED)
-    free_base = tilting is not None and (free_base or proved)
+    free_base = tilting is not None and (free_base or base_tilts)
     fit = tilting if tilting is not None and free_base else rigid
-    if proved:
+    if base_tilts:
         tilts = " and ".join(f"{1e9 * each:.2g}" for each in fit.base[:2])
         findings.append(
             Finding(
@@ -614,7 +614,7 @@ def identify_weight(
     uncertainty = np.array([joint.standard_uncertainty or 0.0 for joint in joints])
     sagging = replace(whitened, angles=whitened.angles + fit.sag)
     bent = fit.state.motion(sagging).points
-    bent = bent + compute_base_motion(fit.rows.torques, bent) @ fit.base
+    bent = bent + differentiate_by_base_compliance(fit.rows.torques, bent) @ fit.base
 
     def torque(turn: FloatArray) -> FloatArray:
         """Return the torques times compliances (N, n) with all angles turned [rad], for derivatives."""

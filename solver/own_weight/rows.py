@@ -206,7 +206,9 @@ def linearise_readings(
     )
     terms = {
         "geometry": geometry.reshape(count, weighted.shape[1], -1),
-        "base": (whitened.weight @ compute_base_motion(torques, motion.points)).reshape(count, -1, 3),
+        "base": (whitened.weight @ differentiate_by_base_compliance(torques, motion.points)).reshape(
+            count, -1, 3
+        ),
         "gravity": tilted,
         "joints": weighted * torques.known[:, None],
         "products": (weighted[..., None] * torques.unit[:, None]).reshape(*weighted.shape[:2], -1),
@@ -224,13 +226,13 @@ def linearise_readings(
     )
 
 
-def compute_base_motion(torques: Torques, places: FloatArray) -> FloatArray:
-    """Return the derivatives (B, T, 3, 3) of places (B, T, 3) by C_xx, C_yy, C_xy of a tilting base.
+def differentiate_by_base_compliance(torques: Torques, places: FloatArray) -> FloatArray:
+    """Return the derivatives (B, T, 3, 3) of places (B, T, 3) with respect to the base's C_xx, C_yy, C_xy.
 
     The base turns about R0's origin by ``φ = C M``, M the moment of weights and loads there about x and y.
     """
-    (x, y), none = torques.on_base[:, :2].T, np.zeros(len(places))
-    turns = np.array([[x, none, none], [none, y, none], [y, x, none]])  # (unknowns, 3, B)
+    (x, y), zero = torques.on_base[:, :2].T, np.zeros(len(places))
+    turns = np.array([[x, zero, zero], [zero, y, zero], [y, x, zero]])  # (unknowns, 3, B)
     return np.stack([np.cross(turn.T[:, None], places) for turn in turns], axis=-1)
 
 

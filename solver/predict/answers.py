@@ -360,13 +360,12 @@ def build_stored_model(
 
 
 def _describe_joint_model(model: JointModel) -> dict[str, Any]:
-    """Return the fields of a stored model in which only joints bend."""
-    names, likelihood, bounds, weight = (
-        model.robot.joint_names,
-        model.likelihood,
-        model.constraints.bounds,
-        None,
-    )
+    """Return the fields of a stored model in which only joints bend.
+
+    `estimate` and `covariance` are of the joints in `seen`, without constraints; `compliance` obeys them.
+    """
+    names, likelihood, bounds = model.robot.joint_names, model.likelihood, model.constraints.bounds
+    weight = None
     if isinstance(model.weight, IdentifiedWeight):
         weight = stored_as.WeightPart(
             gravity=point(model.weight.gravity),
@@ -374,13 +373,13 @@ def _describe_joint_model(model: JointModel) -> dict[str, Any]:
             centre=model.weight.centre.tolist(),
             covariance_root=[_round_to_eight_digits(row) for row in model.weight.root],
         )
-    given = None if likelihood is None else likelihood.given_rows
+    information_rows = None if likelihood is None else likelihood.given_rows
     return {
         "compliance": model.compliance.tolist(),
         "seen": [] if likelihood is None else [names[j] for j in likelihood.joints],
         "estimate": [] if likelihood is None else likelihood.centre.tolist(),
         "covariance": [] if likelihood is None else likelihood.covariance.tolist(),
-        "information_root": None if given is None else given.tolist(),
+        "information_root": None if information_rows is None else information_rows.tolist(),
         "lower": [value if isfinite(value) else None for value in bounds.lower.tolist()],
         "upper": [value if isfinite(value) else None for value in bounds.upper.tolist()],
         "order": model.constraints.order,

@@ -284,10 +284,10 @@ class JointDeflection(Deflection):
 
     @cached_property
     def covariance_root(self) -> FloatArray | None:
-        """(B, 6, r) root of the covariance of `motion`, with that of an identified sag; None if unknown."""
+        """(B, 6, r) L with ``L Lᵀ`` the covariance of `motion`, identified sag included; None if unknown."""
         if isinstance(self.model.weight, IdentifiedWeight):
-            turn = self.model.weight.compute_turn_root(self.balance.loaded, self._torque)
-            return np.asarray(self._motion_by_compliance @ turn)
+            turn_root = self.model.weight.compute_turn_root(self.balance.loaded, self._torque)
+            return np.asarray(self._motion_by_compliance @ turn_root)
         return None if self.model.likelihood is None else np.asarray(self.rows @ self.model.root)
 
     @property

@@ -143,7 +143,7 @@ def test_limits_and_probabilities_are_each_others_inverse(sigma, count):
     expected = Expectation.of(SPRINGS, noisy(0, sigma=sigma), ARM.compliances)
     assert np.isinf(expected.freedom) == (sigma is not None)
     for probability in (0.5, 0.9, 0.999):
-        limit = expected.distance_quantile(probability, count)
+        limit = expected.squared_distance_quantile(probability, count)
         assert expected.exceedance_probability(limit, count) == pytest.approx(1.0 - probability)
         if sigma is None:
             assert limit == pytest.approx(count * stats.f.ppf(probability, count, expected.freedom))
