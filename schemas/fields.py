@@ -141,7 +141,7 @@ class Page(Message, Generic[Item]):
     )
 
 
-def validated(kind: type[Item], documents: Sequence[dict[str, Any]]) -> list[Item]:
+def validate_list(kind: type[Item], documents: Sequence[dict[str, Any]]) -> list[Item]:
     """Validate many documents in one call; return the messages. A call for each is five times slower."""
     return _list_adapter(kind).validate_python(documents, from_attributes=True)
 
@@ -165,7 +165,7 @@ class Terminal:
     text: str = ""  # help, if the description of the field does not hold on the command line
 
 
-def prior_of(text: str) -> tuple[str, dict[str, float]]:
+def parse_prior(text: str) -> tuple[str, dict[str, float]]:
     """Parse `JOINT=STIFFNESS:UNCERTAINTY`; return the joint's name and the fields of its prior."""
     name, _, numbers = text.rpartition("=")
     stiffness, _, uncertainty = numbers.partition(":")
@@ -177,18 +177,18 @@ def prior_of(text: str) -> tuple[str, dict[str, float]]:
         ) from None
 
 
-def cause_of(text: str) -> dict[str, str | None]:
+def parse_cause(text: str) -> dict[str, str | None]:
     """Parse `NAME[:FIRST]`: a cause, and the label of the first observation that the cause concerns."""
     name, _, first = text.partition(":")
     return {"name": name, "first": first or None}
 
 
-def chain_of(text: str) -> list[str]:
+def parse_chain(text: str) -> list[str]:
     """Parse `JOINT,JOINT,...`; return the joints' names without blanks."""
     return [name.strip() for name in text.split(",")]
 
 
-def draws_of(text: str) -> dict[str, int]:
+def parse_draws(text: str) -> dict[str, int]:
     """Parse `SIZE[:REPETITIONS[:SEED]]`; return the stated fields of a resampling."""
     parts, names = text.split(":"), ("size", "repetitions", "seed")
     if len(parts) > len(names) or not all(part.isdecimal() for part in parts):
@@ -196,7 +196,7 @@ def draws_of(text: str) -> dict[str, int]:
     return dict(zip(names, map(int, parts), strict=False))
 
 
-def planned_load_of(text: str) -> dict[str, Any]:
+def parse_planned_load(text: str) -> dict[str, Any]:
     """Parse `KIND:NEWTONS`, `dead_weight:150kg` or `own_weight`; return the fields of a planned load."""
     kind, _, force = text.partition(":")
     if text == "own_weight":
@@ -212,36 +212,36 @@ def planned_load_of(text: str) -> dict[str, Any]:
         ) from None
 
 
-def target_of(text: str) -> tuple[str, list[float]]:
+def parse_target(text: str) -> tuple[str, list[float]]:
     """Parse `NAME=X,Y,Z` in mm; return the target's name and its place on the flange [m]."""
     name, _, numbers = text.rpartition("=")
-    place = numbers_of(numbers)
+    place = parse_numbers(numbers)
     if not name or len(place) != 3:
         raise ValueError(f"'{text}' must be like P10=147,55,50: name and place on the flange in mm")
     return name.strip(), [1e-3 * part for part in place]
 
 
-def box_of(text: str) -> list[list[float]]:
+def parse_box(text: str) -> list[list[float]]:
     """Parse `X,Y,Z,X,Y,Z` in mm; return the least and the greatest corner of the box [m]."""
-    numbers = [1e-3 * part for part in numbers_of(text)]
+    numbers = [1e-3 * part for part in parse_numbers(text)]
     if len(numbers) != 6:
         raise ValueError(f"'{text}' must be two corners in mm, such as 800,-600,400,1900,600,1600")
     pairs = [sorted(pair) for pair in zip(numbers[:3], numbers[3:], strict=True)]
     return [[least for least, _ in pairs], [greatest for _, greatest in pairs]]
 
 
-def force_of(text: str) -> dict[str, list[float]]:
+def parse_force(text: str) -> dict[str, list[float]]:
     """Parse `X,Y,Z` in N; return the fields of a load without moment."""
-    return {"force": numbers_of(text)}
+    return {"force": parse_numbers(text)}
 
 
-def frame_of(text: str) -> dict[str, Any]:
+def parse_frame(text: str) -> dict[str, Any]:
     """Parse `[NAME=]NUMBERS`; return the fields of a frame, whose name may be None."""
     name, _, numbers = text.rpartition("=")
-    return {"name": name or None, "values": numbers_of(numbers)}
+    return {"name": name or None, "values": parse_numbers(numbers)}
 
 
-def numbers_of(text: str) -> list[float]:
+def parse_numbers(text: str) -> list[float]:
     """Parse numbers that are separated by commas or blanks."""
     try:
         return [float(number) for number in text.replace(",", " ").split()]

@@ -311,7 +311,7 @@ class ResultSummary(Message):
     )
 
 
-def combined(assessments: Sequence[Assessment]) -> Assessment:
+def combine_assessments(assessments: Sequence[Assessment]) -> Assessment:
     """Merge assessments: return the worst verdict with all reasons, most severe first.
 
     Of several reasons with equal code and place the first is kept. The counts of joints are those of the

@@ -14,10 +14,10 @@ from jointstiff.schemas.fields import (
     Stiffness,
     Terminal,
     Vector3,
-    cause_of,
-    chain_of,
-    draws_of,
-    prior_of,
+    parse_cause,
+    parse_chain,
+    parse_draws,
+    parse_prior,
 )
 from jointstiff.schemas.finding import NamedCause
 from jointstiff.schemas.robot import MAX_JOINTS
@@ -211,7 +211,7 @@ Causes = Annotated[
     list[NamedCause],
     Field(max_length=MAX_CAUSES),
     AfterValidator(_refuse_repeated_causes),
-    Terminal("--cause", "NAME[:FIRST]", cause_of, "list"),
+    Terminal("--cause", "NAME[:FIRST]", parse_cause, "list"),
 ]
 """Causes that are fitted with the joints."""
 
@@ -257,7 +257,7 @@ class RunOptions(MethodOptions):
     priors: Annotated[
         dict[Name, StiffnessPrior],
         Field(max_length=MAX_JOINTS),
-        Terminal("--prior", "JOINT=STIFFNESS:UNCERTAINTY", prior_of, "dict"),
+        Terminal("--prior", "JOINT=STIFFNESS:UNCERTAINTY", parse_prior, "dict"),
     ] = Field(
         default_factory=dict,
         description="Priors by joint name: stiffness and standard uncertainty known beforehand, for example "
@@ -267,7 +267,7 @@ class RunOptions(MethodOptions):
     stiffness_order: Annotated[
         list[Annotated[list[Name], Field(min_length=2, max_length=MAX_JOINTS)]],
         Field(max_length=MAX_JOINTS),
-        Terminal("", "JOINT,JOINT,...", chain_of, "list"),
+        Terminal("", "JOINT,JOINT,...", parse_chain, "list"),
     ] = Field(
         default_factory=list,
         description="Order constraints: chains of joints, each at least as stiff as the next; all "
@@ -299,7 +299,7 @@ class RunOptions(MethodOptions):
         default=CrossValidation(), description="Cross-validation, for all elasticities but `joints`."
     )
     resampling: Annotated[
-        Resampling | None, Terminal("--resample", "SIZE[:REPETITIONS[:SEED]]", draws_of)
+        Resampling | None, Terminal("--resample", "SIZE[:REPETITIONS[:SEED]]", parse_draws)
     ] = Field(
         default=None,
         description="Resampling: repeat the fit on configurations drawn at random; the run may "

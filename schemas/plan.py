@@ -23,12 +23,12 @@ from jointstiff.schemas.fields import (
     Stiffness,
     Terminal,
     Vector3,
-    box_of,
-    numbers_of,
-    planned_load_of,
-    prior_of,
+    parse_box,
+    parse_numbers,
+    parse_planned_load,
+    parse_prior,
+    parse_target,
     require_exactly_one,
-    target_of,
 )
 from jointstiff.schemas.finding import AcceptingOptions, Assessment
 from jointstiff.schemas.job import Job, Result
@@ -191,23 +191,23 @@ _AREA = "Work area: two corners of a box, in R0, in mm, in which deflections wil
 class ReadingOptions(Message):
     """Equipment, surroundings and candidates, from which readings are chosen."""
 
-    work_area: Annotated[Metres[Box | None], Terminal("--area", "X,Y,Z,X,Y,Z[mm]", box_of, text=_AREA)] = (
+    work_area: Annotated[Metres[Box | None], Terminal("--area", "X,Y,Z,X,Y,Z[mm]", parse_box, text=_AREA)] = (
         Field(default=None, description="Work area: box, in R0, in which deflections will be predicted.")
     )
-    load: Annotated[PlannedLoad | None, Terminal("", "KIND:NEWTONS", planned_load_of)] = Field(
+    load: Annotated[PlannedLoad | None, Terminal("", "KIND:NEWTONS", parse_planned_load)] = Field(
         default=None,
         description="Load to apply; default with a campaign: its strongest force, or the own weight if it "
         "has none.",
     )
     targets: Annotated[
         Metres[Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)]],
-        Terminal("--target", "NAME=X,Y,Z[mm]", target_of, "dict"),
+        Terminal("--target", "NAME=X,Y,Z[mm]", parse_target, "dict"),
     ] = Field(
         default_factory=dict, description="Targets in the flange frame; default: those of the campaign."
     )
     directions: Annotated[
         Dimensionless[Annotated[list[Vector3], Field(max_length=8)]],
-        Terminal("--direction", "X,Y,Z", numbers_of, "list"),
+        Terminal("--direction", "X,Y,Z", parse_numbers, "list"),
     ] = Field(
         default_factory=list,
         description="Directions in R0 that a dial gauge or 1-D laser can take: each reading is along one of "
@@ -237,7 +237,7 @@ class ReadingOptions(Message):
     priors: Annotated[
         dict[Name, StiffnessPrior],
         Field(max_length=MAX_JOINTS),
-        Terminal("--prior", "JOINT=STIFFNESS:UNCERTAINTY", prior_of, "dict"),
+        Terminal("--prior", "JOINT=STIFFNESS:UNCERTAINTY", parse_prior, "dict"),
     ] = Field(default_factory=dict, description="Prior knowledge of joints; it counts like readings.")
     joints: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list, description="Joints to determine; default: all that the loads twist."

@@ -110,7 +110,7 @@ class OpenSetQuery(ListQuery):
     robot_id: Reference | None = Field(default=None, description="Filter by robot.")
 
     @classmethod
-    def of(cls, query: SetQuery) -> OpenSetQuery:
+    def from_set_query(cls, query: SetQuery) -> OpenSetQuery:
         """Return the filters of a query of measurement sets that a query of open sets has, too."""
         return cls(**{name: getattr(query, name) for name in cls.model_fields})
 

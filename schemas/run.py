@@ -85,7 +85,7 @@ class _Joint(Protocol):
     def stiffness_interval(self) -> tuple[float, float | None] | None: ...
 
 
-def found_in(joints: Iterable[_Joint]) -> int:
+def count_identified_joints(joints: Iterable[_Joint]) -> int:
     """Count the joints whose stiffness has an upper limit, or, without an interval, is identified."""
     found = 0
     for joint in joints:
@@ -159,7 +159,7 @@ class Budget(Message):
         "lack of fit, or a mistake that forbids the numbers."
     )
 
-    def included_in(self, joint: str) -> dict[str, float]:
+    def contributions_to(self, joint: str) -> dict[str, float]:
         """Return the contributions to a joint's standard uncertainty by source; empty without a number."""
         if joint not in self.joints:
             return {}
@@ -552,7 +552,7 @@ class RunResult(Result):
         return ResultSummary(
             verdict=self.assessment.verdict,
             compensation=self.compensation,
-            joints_identified=found_in(self.joints),
+            joints_identified=count_identified_joints(self.joints),
             joint_count=len(self.joints),
             warning_count=len(self.warnings),
         )

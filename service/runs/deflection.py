@@ -25,16 +25,25 @@ from jointstiff.service.conversion.robots import (
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.runs.verdicts import (
     RunModel,
-    judged,
+    assess_with_run,
+    find_beyond_campaign,
+    find_far_points,
+    find_implausible_deflection,
+    find_missing_numbers,
     moment_factor,
-    of_campaign,
-    of_deflection,
-    of_missing,
-    of_points,
 )
-from jointstiff.service.tables.files import csv_text, rows_of
+from jointstiff.service.tables.files import csv_text, split_table_rows
 from jointstiff.service.tables.report import verdict_lines, with_overall_verdict
-from jointstiff.service.tables.table import NO_NUMBER, Chart, Column, Line, Part, Sheet, Table, number
+from jointstiff.service.tables.table import (
+    NO_NUMBER,
+    Chart,
+    Column,
+    Line,
+    Part,
+    Sheet,
+    Table,
+    number_formatter,
+)
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.cases import LoadCases
@@ -87,7 +96,7 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
         RequestError: the run has no model of joints, or the request does not fit the robot.
     """
     length = LENGTH[request.units.length]
-    used = RunModel.of(robot, run, absolute=request.absolute, masses=request.masses, length=length)
+    used = RunModel.from_run(robot, run, absolute=request.absolute, masses=request.masses, length=length)
     cases, confidence = convert_load_cases(request, robot), request.confidence
     deflections = used.model.deflect(cases)
     bound = None if used.error is None else used.error.bound(cases, deflections.leverage, confidence)
@@ -100,7 +109,9 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
     answers = case_results(deflections, bound, directions, confidence, labels, used.result.budget)
     return DeflectionResult(
         joint_kinds=kinds_of(robot),
-        assessment=judged("prediction", _find_reasons(answers, cases, used.result), used.result.assessment),
+        assessment=assess_with_run(
+            "prediction", _find_reasons(answers, cases, used.result), used.result.assessment
+        ),
         confidence=confidence,
         model_error_postures=used.postures,
         remarks=used.remarks(confidence),
@@ -115,10 +126,10 @@ def _find_reasons(answers: Sequence[CaseResult], cases: LoadCases, run: RunResul
     beyond = sum(max(bound.load_ratio, bound.leverage_ratio) > EXTRAPOLATED for bound in bounds)
     points = [*cases.load_point.tolist(), *cases.place.tolist()]
     return [
-        *of_deflection(max(lengths, default=None), run),
-        *of_missing(len(answers) - len(lengths), len(answers), "cases"),
-        *of_points(points),
-        *of_campaign(beyond, len(answers), "cases"),
+        *find_implausible_deflection(max(lengths, default=None), run),
+        *find_missing_numbers(len(answers) - len(lengths), len(answers), "cases"),
+        *find_far_points(points),
+        *find_beyond_campaign(beyond, len(answers), "cases"),
     ]
 
 
@@ -182,7 +193,7 @@ def read_load_cases(text: str, joints: Mapping[str, JointKind], **options: Any) 
     Raises:
         RequestError: a header or a cell that cannot be understood, by its line and column, or an option.
     """
-    rows, has_comma_separators = rows_of(text)
+    rows, has_comma_separators = split_table_rows(text)
     if not rows or not any(any(row) for row in rows[1:]):
         raise RequestError(
             "the table has no load cases", where="line 1", remedy="give a header and one row per case"
@@ -224,13 +235,13 @@ def _parse_header(header: str, joints: Mapping[str, JointKind], units: Units) ->
     name, joint_names = header.partition("[")[0].strip(), list(joints)
     if name.lower() == "label":
         return "label", 0, 1.0
-    number = re.fullmatch(r"J(\d+)", name)
-    if name in joint_names or (number and 1 <= int(number[1]) <= len(joints)):
-        place = joint_names.index(name) if name in joint_names else int(number[1]) - 1 if number else 0
+    match = re.fullmatch(r"J(\d+)", name)
+    if name in joint_names or (match and 1 <= int(match[1]) <= len(joints)):
+        place = joint_names.index(name) if name in joint_names else int(match[1]) - 1 if match else 0
         if joints[joint_names[place]] == "prismatic":
-            return "joints", place, unit_factor(header, LENGTH) / LENGTH[units.length]
-        return "joints", place, unit_factor(header, ANGLE) / ANGLE[units.angle]
-    column = vector_column(header, _VECTORS)
+            return "joints", place, parse_unit_factor(header, LENGTH) / LENGTH[units.length]
+        return "joints", place, parse_unit_factor(header, ANGLE) / ANGLE[units.angle]
+    column = parse_vector_header(header, _VECTORS)
     if column is None:
         raise RequestError(
             f"the header '{header}' is not known",
@@ -242,7 +253,7 @@ def _parse_header(header: str, joints: Mapping[str, JointKind], units: Units) ->
     return field, place, factor / factors[getattr(units, quantity, "")]
 
 
-def vector_column(header: str, fields: Sequence[str] | Mapping[str, Any]) -> _Column | None:
+def parse_vector_header(header: str, fields: Sequence[str] | Mapping[str, Any]) -> _Column | None:
     """Return field, component and factor to SI units of a header such as `Fx [N]`; None for another name.
 
     Raises:
@@ -253,11 +264,11 @@ def vector_column(header: str, fields: Sequence[str] | Mapping[str, Any]) -> _Co
         prefix, factors, _ = _VECTORS[field]
         for k, axis in enumerate("xyz"):
             if name == f"{prefix}{axis}".lower():
-                return field, k, unit_factor(header, factors)
+                return field, k, parse_unit_factor(header, factors)
     return None
 
 
-def unit_factor(header: str, units: Mapping[str, float]) -> float:
+def parse_unit_factor(header: str, units: Mapping[str, float]) -> float:
     """Return the factor to SI units of the unit in a header such as `Fx [N]`.
 
     Args:
@@ -333,8 +344,13 @@ def prediction_parts(result: DeflectionResult) -> list[Part]:
         [
             Column("case", [case.label for case in cases], text=True),
             *components,
-            Column("model error", bounds, number(".3f", 1e3), "mm"),
-            Column("stiffness", [each and each.lateral_free for each in along], number(".0f", 1e-3), "N/mm"),
+            Column("model error", bounds, number_formatter(".3f", 1e3), "mm"),
+            Column(
+                "stiffness",
+                [each and each.lateral_free for each in along],
+                number_formatter(".0f", 1e-3),
+                "N/mm",
+            ),
         ],
         title="Deflections in R0, with U without model error",
         caption=f"U of readings, loads and places, and model error, at {percent}; stiffness along the force, "
@@ -358,7 +374,7 @@ def _component_with_interval(case: CaseResult, axis: int) -> str:
 
 def prediction_sheet(result: DeflectionResult) -> Sheet:
     """Return predictions as a sheet: a row for each load case, and a column with the overall verdict."""
-    return with_overall_verdict(Sheet.of_fields(result.cases, _CSV, _MILLI), result.assessment)
+    return with_overall_verdict(Sheet.from_messages(result.cases, _CSV, _MILLI), result.assessment)
 
 
 def prediction_charts(result: DeflectionResult) -> list[Chart]:

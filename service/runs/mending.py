@@ -32,7 +32,7 @@ _USUAL_DISTANCE, _USUAL_SIGMA = 0.2, 2e-5
 _LONGEST_NAME: Final = 200
 
 
-def advised(assessment: Assessment, kind: str) -> Action:
+def find_advised_action(assessment: Assessment, kind: str) -> Action:
     """Return the first action of a given kind that an assessment's reasons advise.
 
     Raises:
@@ -48,7 +48,7 @@ def advised(assessment: Assessment, kind: str) -> Action:
     return advised_action
 
 
-def mended(campaign: Campaign, action: Action) -> Campaign:
+def mend_campaign(campaign: Campaign, action: Action) -> Campaign:
     """Apply an action to a campaign; return the changed campaign, with the change added to its names.
 
     For `choose_robot` with a robot's id the campaign keeps its own robot: the caller takes the other one from

@@ -75,7 +75,7 @@ class _Budget(_Part):
     joints: list[str]
     components: list[_Component]
 
-    def included_in(self, joint: str) -> dict[str, float]:
+    def contributions_to(self, joint: str) -> dict[str, float]:
         """Return the contributions to a joint's standard uncertainty by source; empty without a number."""
         if joint not in self.joints:
             return {}
@@ -97,7 +97,7 @@ class ReadRun(_Part):
     result: _Numbers
 
 
-def numbers_of_trend(run: Run) -> str | None:
+def extract_trend_json(run: Run) -> str | None:
     """Return as JSON the part of a run that a trend reads; None if the run has no result."""
     if run.result is None:
         return None
@@ -126,7 +126,7 @@ class Campaign:
     def sources(self, joint: str) -> dict[str, float]:
         """Return contributions to the uncertainty of a joint's compliance by source; empty if unknown."""
         budget = self.run.result.budget
-        return {} if budget is None else budget.included_in(joint)
+        return {} if budget is None else budget.contributions_to(joint)
 
     @property
     def selection(self) -> messages.TrendSelection:
@@ -422,7 +422,7 @@ class Trends:
             self._store.robots.derive(entry, None if found is None else found.model_dump(mode="json"))
         return found
 
-    def derive_due(self, most: int) -> None:
+    def renew_outdated_summaries(self, most: int) -> None:
         """Renew the outdated summaries of at most `most` robots, so that listing the robots is fast."""
         for entry in self._store.robots.due(most):
             self.last_campaign(entry)

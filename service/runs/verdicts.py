@@ -10,13 +10,13 @@ from typing import Final
 import numpy as np
 
 from jointstiff.schemas.deflection import LinkMass
-from jointstiff.schemas.finding import Assessment, Finding, FindingCode, Verdict, combined
+from jointstiff.schemas.finding import Assessment, Finding, FindingCode, Verdict, combine_assessments
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.run import Run, RunResult
 from jointstiff.service.conversion.units import FORCE, MOMENT
 from jointstiff.service.problems import VerdictError
 from jointstiff.service.resources.inputs import Inputs, MeasuredRun
-from jointstiff.service.tables.report import counted, support
+from jointstiff.service.tables.report import describe_passed_checks, format_count
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.block import OwnWeight
@@ -27,7 +27,7 @@ from jointstiff.solver.predict.models import IdentifiedWeight, JointModel, Model
 from jointstiff.solver.text import figure
 
 
-def accepted_run(inputs: Inputs, run_id: str, accept_verdict: str | None) -> MeasuredRun:
+def find_accepted_run(inputs: Inputs, run_id: str, accept_verdict: str | None) -> MeasuredRun:
     """Return the run that a request names, with its measurement set.
 
     Raises:
@@ -69,7 +69,7 @@ def refuse_unaccepted(
         raise VerdictError.of(subject, where, reasons)
 
 
-def result_of(run: Run) -> RunResult:
+def require_result(run: Run) -> RunResult:
     """Return the result of a run.
 
     Raises:
@@ -94,7 +94,7 @@ class RunModel:
     error: ModelError | None  # None where no posture could be omitted
 
     @classmethod
-    def of(
+    def from_run(
         cls,
         robot: Robot,
         run: Run,
@@ -115,7 +115,7 @@ class RunModel:
         Raises:
             RequestError: the run has no model or is of another robot, or the own weight does not fit it.
         """
-        result = result_of(run)
+        result = require_result(run)
         weight = _choose_own_weight(robot, run, absolute, masses, length)
         if result.model is None:
             raise RequestError(
@@ -230,12 +230,12 @@ _SUBJECT: Final[dict[Verdict, str]] = {
 }
 
 
-def own_reason(code: FindingCode, weight: Verdict, message: str, remedy: str) -> Finding:
+def make_reason(code: FindingCode, weight: Verdict, message: str, remedy: str) -> Finding:
     """Return a reason that concerns a result itself rather than the run behind it."""
     return Finding(code=code, weight=weight, message=message, remedy=remedy)
 
 
-def judged(subject: str, reasons: Sequence[Finding], run: Assessment | None) -> Assessment:
+def assess_with_run(subject: str, reasons: Sequence[Finding], run: Assessment | None) -> Assessment:
     """Return the worse verdict of a result and of its run, with the reasons of both and a headline.
 
     Args:
@@ -245,18 +245,18 @@ def judged(subject: str, reasons: Sequence[Finding], run: Assessment | None) -> 
     """
     worst: Verdict = max((each.weight for each in reasons), key=list(_SUBJECT).index, default="use")
     own = Assessment(verdict=worst, reasons=list(reasons))
-    whole = combined([own] if run is None else [own, run])
-    parts = [f"{counted(len(reasons), 'reason')} of its own"] if reasons else []
+    whole = combine_assessments([own] if run is None else [own, run])
+    parts = [f"{format_count(len(reasons), 'reason')} of its own"] if reasons else []
     if run is not None and run.reasons:
-        parts.append(f"{counted(len(run.reasons), 'reason')} of its run")
+        parts.append(f"{format_count(len(run.reasons), 'reason')} of its run")
     if not parts:
-        passed = "" if run is None else f"; {support(run, ' of its run')}"
+        passed = "" if run is None else f"; {describe_passed_checks(run, ' of its run')}"
         parts = [f"nothing speaks against it{passed}"]
     headline = f"{_SUBJECT[whole.verdict].format(subject)}: {', '.join(parts)}"
     return whole.model_copy(update={"headline": headline})
 
 
-def of_deflection(greatest: float | None, run: RunResult) -> list[Finding]:
+def find_implausible_deflection(greatest: float | None, run: RunResult) -> list[Finding]:
     """Return a reason if the greatest deflection [m] is too large for an arm, or for this campaign."""
     if greatest is None or not isfinite(greatest):
         return []
@@ -266,7 +266,7 @@ def of_deflection(greatest: float | None, run: RunResult) -> list[Finding]:
         return []
     compared = f", {figure(ratio, '.3g')} times the greatest of the campaign" if ratio > 1.0 else ""
     return [
-        own_reason(
+        make_reason(
             "prediction_implausible",
             "do_not_use",
             f"the greatest deflection is {1e3 * greatest:.4g} mm{compared}",
@@ -275,25 +275,25 @@ def of_deflection(greatest: float | None, run: RunResult) -> list[Finding]:
     ]
 
 
-def of_points(points: Iterable[Sequence[float] | None]) -> list[Finding]:
+def find_far_points(points: Iterable[Sequence[float] | None]) -> list[Finding]:
     """Return a reason if a point on the tool [m, flange frame] is unusually far from the flange."""
     far = max((hypot(*point) for point in points if point is not None), default=0.0)
     if far <= LONGEST_TOOL:
         return []
     message = f"the load point or the place is {far:.3g} m from the flange"
-    return [own_reason("point_implausible", "use_with_care", message, "check its unit and its frame")]
+    return [make_reason("point_implausible", "use_with_care", message, "check its unit and its frame")]
 
 
-def of_campaign(count: int, total: int, what: str) -> list[Finding]:
+def find_beyond_campaign(count: int, total: int, what: str) -> list[Finding]:
     """Return a reason if loads or postures of `count` of `total` cases are beyond those of the campaign."""
     if not count:
         return []
     message = f"{count} of {total} {what} have loads or postures beyond those of the campaign"
     remedy = "measure with such loads and postures"
-    return [own_reason("beyond_campaign", "use_with_care", message, remedy)]
+    return [make_reason("beyond_campaign", "use_with_care", message, remedy)]
 
 
-def of_missing(count: int, total: int, what: str, *, unseen: bool = True) -> list[Finding]:
+def find_missing_numbers(count: int, total: int, what: str, *, unseen: bool = True) -> list[Finding]:
     """Return a reason if `count` of `total` cases have no number; `unseen`: for want of determined joints."""
     if not count:
         return []
@@ -302,4 +302,4 @@ def of_missing(count: int, total: int, what: str, *, unseen: bool = True) -> lis
     message = f"{share} {what} {'have' if total != 1 else 'has'} a number"
     measure = "measure what twists the joints without a number, or " if unseen else ""
     remedy = f"read why each one lacks a number; {measure}move the places"
-    return [own_reason("numbers_missing", weight, message, remedy)]
+    return [make_reason("numbers_missing", weight, message, remedy)]

@@ -30,7 +30,7 @@ from starlette.types import Message, Receive, Scope, Send
 
 from jointstiff.schemas.access import Access, Role
 from jointstiff.service.problems import KeyRefusedError, RoleError, StoreError, WrongKeysError
-from jointstiff.service.security.keys import Keyring, digest, mint_token, without_keys
+from jointstiff.service.security.keys import Keyring, digest, hide_secrets, mint_token
 from jointstiff.service.store.access import MINUTE
 from jointstiff.service.store.store import SESSION_LONGEST, Store
 from jointstiff.service.store.tables import AccessKey, AuditEntry, SessionRecord
@@ -249,7 +249,7 @@ class Gate:
                 await self._look()
         return not self.keyring.has_keys()
 
-    async def caller(self, connection: HTTPConnection, address: str) -> AccessKey | None:
+    async def find_key(self, connection: HTTPConnection, address: str) -> AccessKey | None:
         """Return the key of a request, sent as a bearer token or by a session; None without a valid session.
 
         Raises:
@@ -488,5 +488,5 @@ def address_of(scope: Scope) -> str:
 
 def _printable_path(path: str) -> str:
     """Return a path for the audit: without secrets, not too long, unprintable characters replaced."""
-    text = without_keys(path[: 2 * _LONGEST_PATH])[:_LONGEST_PATH]
+    text = hide_secrets(path[: 2 * _LONGEST_PATH])[:_LONGEST_PATH]
     return "".join(character if character.isprintable() else "�" for character in text)

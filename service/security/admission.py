@@ -29,7 +29,7 @@ _HOST: Final = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[^\s:/@\[\]]+)(?::[0-9]{1,5})?")
 
 
 @dataclass(frozen=True)
-class Posture:
+class AccessPolicy:
     """Names and callers that the service accepts."""
 
     # `loopback`: programs of this machine; `keys`: holders of a key; `none`: everyone who reaches the address
@@ -38,9 +38,9 @@ class Posture:
     hosts: frozenset[str] | None = LOOPBACK_NAMES
 
     @classmethod
-    def of(
+    def from_address(
         cls, address: str, allowed: tuple[str, ...], *, access_control: bool, require_key: bool = False
-    ) -> Posture:
+    ) -> AccessPolicy:
         """Return the posture of a service that listens on an address.
 
         Args:
@@ -74,7 +74,7 @@ def is_loopback(address: str) -> bool:
         return address.removesuffix(".").lower() == "localhost"
 
 
-def refusal(posture: Posture, scope: Scope) -> Problem | None:
+def find_refusal(posture: AccessPolicy, scope: Scope) -> Problem | None:
     """Return the problem of a request to an unknown host (421) or from another site's page (403), or None.
 
     An attacker may let a name point to this machine (DNS rebinding): its requests have that unknown name. A

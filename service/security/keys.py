@@ -104,7 +104,7 @@ def digest(text: str) -> str:
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
-def without_keys(text: str) -> str:
+def hide_secrets(text: str) -> str:
     """Return a text in which `…` replaces the secrets of keys and links, for logs and the audit."""
     return _SECRETS.sub(r"\1_…", text)
 
@@ -321,10 +321,10 @@ class Keyring:
             raise KeyRefusedError("the key has expired", _OTHER_KEY)
         return key
 
-    def listing(self) -> list[Key]:
+    def list_keys(self) -> list[Key]:
         """Return all keys, revoked ones too, without their secrets."""
-        filed = [described(key, is_filed=True) for key in self._filed.values()]
-        return [*(described(key) for key in self._stored.values()), *filed]
+        filed = [describe_key(key, is_filed=True) for key in self._filed.values()]
+        return [*(describe_key(key) for key in self._stored.values()), *filed]
 
     def is_filed(self, key_id: str) -> bool:
         """Return whether the file has a key with this id."""
@@ -335,7 +335,7 @@ class Keyring:
         return self._filed.get(key_id) or self._stored.get(key_id)
 
 
-def described(key: AccessKey, *, is_filed: bool = False) -> Key:
+def describe_key(key: AccessKey, *, is_filed: bool = False) -> Key:
     """Return the message that describes a key, without its secret."""
     fields = {name: getattr(key, name) for name in Key.model_fields.keys() - {"source", "key"}}
     return Key(**fields, source="file" if is_filed else "database")

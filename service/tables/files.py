@@ -36,7 +36,7 @@ A spreadsheet of another language may separate cells at semicolons or tabs, even
 """
 
 
-def guarded(value: Value) -> Value:
+def escape_formula(value: Value) -> Value:
     """Return a cell; an apostrophe is put before a text that a spreadsheet would run as a formula."""
     if not isinstance(value, str):
         return value
@@ -52,7 +52,7 @@ def csv_text(sheet: Sheet) -> str:
 def csv_parts(sheet: Sheet) -> Iterator[str]:
     """Yield a sheet as CSV in parts, so that a large sheet needs little memory."""
     columns = list(sheet.columns.values())
-    yield csv_rows([[guarded(header) for header in sheet.columns]])
+    yield csv_rows([[escape_formula(header) for header in sheet.columns]])
     for begin in range(0, len(columns[0]) if columns else 0, _BLOCK):
         cells = [_format_csv_cells(column[begin : begin + _BLOCK], sheet.digits) for column in columns]
         yield csv_rows(zip(*cells, strict=True))
@@ -65,7 +65,7 @@ def csv_rows(rows: Iterable[Sequence[Value]]) -> str:
     return text.getvalue()
 
 
-def rows_of(text: str) -> tuple[list[list[str]], bool]:
+def split_table_rows(text: str) -> tuple[list[list[str]], bool]:
     """Split the text of a table; return its rows of cells, and whether commas separate the cells.
 
     Cells are separated by semicolons or tabs if the first line has one, else by commas.
@@ -111,9 +111,9 @@ def xlsx_bytes(sheets: Mapping[str, Sheet]) -> bytes:
     book.remove(book.worksheets[0])
     for name, sheet in sheets.items():
         page: Any = book.create_sheet(name)
-        page.append([guarded(header) for header in sheet.columns])
+        page.append([escape_formula(header) for header in sheet.columns])
         for row in zip(*sheet.columns.values(), strict=True):
-            page.append([guarded(cell) for cell in row])
+            page.append([escape_formula(cell) for cell in row])
         for place, cell in enumerate(page[1], 1):
             cell.font = Font(bold=True)
             width = min(len(str(cell.value)) + 2, _MAX_WIDTH)
@@ -134,7 +134,7 @@ def _format_csv_cells(column: Any, digits: str) -> Sequence[Value]:  # noqa: ANN
     """Return the cells of a column, numbers formatted by `digits`; NaN and infinity become empty cells."""
     values = _to_list(column)
     if not digits or not isinstance(next((value for value in values if value is not None), ""), float):
-        return [guarded(value) for value in values]
+        return [escape_formula(value) for value in values]
     numbers = [nan if value is None else value for value in values]
     cells = ("\n".join([f"%{digits}"] * len(numbers)) % tuple(numbers)).split(
         "\n"
@@ -175,13 +175,13 @@ WRITERS: Final[Mapping[str, Callable[[Sheet], str | bytes]]] = MappingProxyType(
 """Writers of one sheet, by the ending of a file's name."""
 
 
-def written(sheet: Sheet, suffix: str) -> bytes:
+def write_sheet(sheet: Sheet, suffix: str) -> bytes:
     """Return a sheet as the content of a file with this suffix, a key of `WRITERS`."""
     content = WRITERS[suffix](sheet)
     return content.encode() if isinstance(content, str) else content
 
 
-def frame_of(sheet: Sheet) -> Any:  # noqa: ANN401 - of pandas or polars, whichever is installed
+def make_data_frame(sheet: Sheet) -> Any:  # noqa: ANN401 - of pandas or polars, whichever is installed
     """Return a sheet as a data frame; in pandas the first column is the index if its texts name the rows.
 
     Raises:

@@ -86,11 +86,11 @@ def verdict_line(assessment: Assessment) -> Line:
     if not count and identified is not None and identified != joints:
         rest = "the others have no number that passed the checks"
         return Line(f"Use {identified} of {joints} joints: {rest}", _HEAD_STYLES[verdict])
-    why = counted(count, "reason") if count else support(assessment)
+    why = format_count(count, "reason") if count else describe_passed_checks(assessment)
     return Line(f"{VERDICTS[verdict].capitalize()}: {why}", _HEAD_STYLES[verdict])
 
 
-def support(assessment: Assessment, of: str = "") -> str:
+def describe_passed_checks(assessment: Assessment, of: str = "") -> str:
     """Return in words how many joints passed the checks; `of` follows `joints`, such as ` of its run`."""
     identified, count = assessment.joints_identified, assessment.joint_count
     if identified is None:
@@ -137,7 +137,7 @@ def warning_lines(assessment: Assessment, warnings: Sequence[Finding], *, detail
     covered = covered.union(*(_COVERED_WARNINGS.get(code, ()) for code in covered))
     rest = [warning for warning in warnings if warning.code not in covered]
     if not details:
-        return [Line(f"  {counted(len(rest), 'warning')} (--details)", "care")] if rest else []
+        return [Line(f"  {format_count(len(rest), 'warning')} (--details)", "care")] if rest else []
     return [
         Line(
             f"warning: {f'{warning.where}: ' if warning.where else ''}{warning.message}; {warning.remedy}",
@@ -157,7 +157,7 @@ def joint_reason_lines(reasons: Iterable[tuple[str, str | None]]) -> list[Line]:
     return [Line(f"  {', '.join(same)}: {reason}", "dim") for reason, same in names.items()]
 
 
-def counted(count: int, noun: str) -> str:
+def format_count(count: int, noun: str) -> str:
     """Return a count with its noun, in the plural unless the count is 1: `2 reasons`."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
@@ -232,7 +232,7 @@ class _Unit:
         return self.prismatic if kind == "prismatic" else self.revolute
 
 
-def requested(
+def list_request_fields(
     request: Message, kinds: Mapping[str, JointKind] = MappingProxyType({})
 ) -> list[tuple[str, str]]:
     """Return label and text of each field of a request; a last entry names the fields without a value.

@@ -10,7 +10,7 @@ from typing import Final, Protocol
 
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.schemas.run import JointResult
-from jointstiff.service.tables.table import NO_NUMBER, Line, concise, rounded
+from jointstiff.service.tables.table import NO_NUMBER, Line, format_concise, format_rounded
 from jointstiff.solver.text import figure, rounded_down
 
 
@@ -42,7 +42,7 @@ class StiffnessUnit:
     inverse: bool = False  # whether compliances are shown
     sliding: StiffnessUnit | None = None  # the unit of prismatic joints; None in itself
 
-    def of(self, kind: JointKind) -> StiffnessUnit:
+    def for_kind(self, kind: JointKind) -> StiffnessUnit:
         """Return the unit for joints of a kind: this one, or for prismatic joints `sliding`."""
         return self.sliding if kind == "prismatic" and self.sliding is not None else self
 
@@ -75,7 +75,7 @@ class StiffnessUnit:
 
     def cells(self, joint: JointResult) -> tuple[str, str, str]:
         """Return a joint's value, standard uncertainty and interval as texts; if prismatic, with the unit."""
-        if (unit := self.of(joint.kind)) is not self:
+        if (unit := self.for_kind(joint.kind)) is not self:
             cells = unit.cells(joint)
             return cells[0] if joint.compliance is None else f"{cells[0]} {unit.label}", cells[1], cells[2]
         if joint.compliance is None:
@@ -83,8 +83,8 @@ class StiffnessUnit:
         uncertainty = self.uncertainty(joint)
         value = self.value(joint.compliance)
         return (
-            "rigid" if value is None else rounded(value, uncertainty),
-            "—" if uncertainty is None else rounded(uncertainty, uncertainty),
+            "rigid" if value is None else format_rounded(value, uncertainty),
+            "—" if uncertainty is None else format_rounded(uncertainty, uncertainty),
             self._interval(joint, uncertainty),
         )
 
@@ -92,7 +92,7 @@ class StiffnessUnit:
         """Return a joint's interval as text: `low … high`, a one-sided bound such as `> 3.1`, or a dash."""
         ends = joint.compliance_interval if self.inverse else joint.stiffness_interval
         if ends is not None and ends[1] is not None and joint.stiffness is not None:
-            low, high = (rounded(self.factor * end, uncertainty) for end in (ends[0], ends[1]))
+            low, high = (format_rounded(self.factor * end, uncertainty) for end in (ends[0], ends[1]))
             return f"{low} … {high}"
         # Without an upper end the one-sided bound is shown, which is above the interval's lower end.
         if (least := lower_limit(joint)) is None:
@@ -104,26 +104,26 @@ class StiffnessUnit:
             else f"> {figure(self.factor * bound, '.3g')}"
         )
 
-    def concise(self, joint: JointResult) -> Line:
+    def format_concise(self, joint: JointResult) -> Line:
         """Return a joint's value with its standard uncertainty in the last digits: 2.51(12) (GUM, 7.2.2)."""
-        if (unit := self.of(joint.kind)) is not self:
+        if (unit := self.for_kind(joint.kind)) is not self:
             line = unit.concise(joint)
             return line if joint.compliance is None else Line(f"{line.text} {unit.label}", line.style)
         value = None if joint.compliance is None else self.value(joint.compliance)
         if value is None:
             return Line(NO_NUMBER if joint.compliance is None else "rigid", "dim")
-        return Line(concise(value, self.uncertainty(joint)), "bad" if value < 0 else "")
+        return Line(format_concise(value, self.uncertainty(joint)), "bad" if value < 0 else "")
 
-    def bare(self, compliance: float | None, kind: JointKind = "revolute") -> str:
+    def format_compliance(self, compliance: float | None, kind: JointKind = "revolute") -> str:
         """Format a compliance in SI units, whose uncertainty is unknown, in this unit."""
         if compliance is None:
             return "—"
-        if (unit := self.of(kind)) is not self:
-            return f"{unit.bare(compliance)} {unit.label}"
+        if (unit := self.for_kind(kind)) is not self:
+            return f"{unit.format_compliance(compliance)} {unit.label}"
         value = self.value(compliance)
         return "rigid" if value is None else figure(value, ".3g")
 
-    def bare_interval(self, ends: tuple[float, float] | None) -> str:
+    def format_compliance_interval(self, ends: tuple[float, float] | None) -> str:
         """Format an interval of compliances in SI units; stiffness has no limit if the lower end is zero."""
         if ends is None or ends[1] <= 0:
             return "—"

@@ -18,7 +18,7 @@ NO_NUMBER = "—"
 """Shown where there is no number."""
 
 
-def rounded(value: float | None, uncertainty: float | None = None, bare: str = ".4g") -> str:
+def format_rounded(value: float | None, uncertainty: float | None = None, bare: str = ".4g") -> str:
     """Format a value to the second digit of its uncertainty; without an uncertainty by the format `bare`."""
     if value is None:
         return NO_NUMBER
@@ -28,17 +28,17 @@ def rounded(value: float | None, uncertainty: float | None = None, bare: str = "
     return figure(round(value, decimals), f".{max(decimals, 0)}f")
 
 
-def concise(value: float, uncertainty: float | None, bare: str = ".4g") -> str:
+def format_concise(value: float, uncertainty: float | None, bare: str = ".4g") -> str:
     """Format a value with its standard uncertainty in the last digits, such as `2.51(12)` (GUM, 7.2.2)."""
-    text = rounded(value, uncertainty, bare)
+    text = format_rounded(value, uncertainty, bare)
     if not uncertainty or not isfinite(uncertainty):
         return text
-    digits = rounded(uncertainty, uncertainty)
+    digits = format_rounded(uncertainty, uncertainty)
     # An uncertainty below 1 is shown without its leading zeros and its decimal point.
     return f"{text}({digits.lstrip('0.') or 0 if float(digits) < 1 else digits})"
 
 
-def percent(share: float | None) -> str:
+def format_percent(share: float | None) -> str:
     """Format a share between 0 and 1 in percent; a dash for None."""
     return NO_NUMBER if share is None else f"{100 * share:.1f} %"
 
@@ -160,7 +160,7 @@ class Sheet:
     digits: str = ""  # format of numbers in CSV, such as `.10g`; as many as read back the same without
 
     @classmethod
-    def of_joints(cls, sheet: Sheet, kinds: Sequence[JointKind | None]) -> Sheet:
+    def with_joint_kinds(cls, sheet: Sheet, kinds: Sequence[JointKind | None]) -> Sheet:
         """Return a sheet with a row for each joint; if a joint is prismatic, headers state both units."""
         if "prismatic" not in kinds:
             return sheet
@@ -172,13 +172,13 @@ class Sheet:
         return replace(sheet, columns=columns, texts=sheet.texts | {"kind"})
 
     @classmethod
-    def of_rows(cls, rows: Iterable[Mapping[str, Value]]) -> Sheet:
+    def from_rows(cls, rows: Iterable[Mapping[str, Value]]) -> Sheet:
         """Build a sheet from rows, which map the same headers to values."""
         listed = list(rows)
         return cls({header: [row[header] for row in listed] for header in (listed[0] if listed else ())})
 
     @classmethod
-    def of_fields(
+    def from_messages(
         cls,
         rows: Sequence[Message],
         columns: Mapping[str, str],
@@ -287,16 +287,16 @@ def as_line(shown: str | Line) -> Line:
     return shown if isinstance(shown, Line) else Line(shown)
 
 
-def number(form: str, scale: float = 1.0) -> Show:
+def number_formatter(form: str, scale: float = 1.0) -> Show:
     """Return a function that formats a number times a scale: `number(".3f", 1e3)` shows metres in mm."""
     return lambda value: figure(scale * value, form)
 
 
-def numbers(form: str, scale: float = 1.0, between: str = "  ") -> Show:
+def vector_formatter(form: str, scale: float = 1.0, between: str = "  ") -> Show:
     """Return a function that formats the components of a vector times a scale."""
     return lambda values: between.join(figure(scale * value, form) for value in values)
 
 
-def ends(form: str, scale: float = 1.0, between: str = " to ") -> Show:
+def interval_formatter(form: str, scale: float = 1.0, between: str = " to ") -> Show:
     """Return a function that formats an interval, a pair of ends times a scale; None means no limit."""
     return lambda pair: between.join("no limit" if end is None else figure(scale * end, form) for end in pair)

@@ -70,7 +70,7 @@ def problem_text(problem: Problem) -> Text:
     return _style_line(problem_line(problem))
 
 
-def printed(parts: Sequence[Part]) -> RenderableType:
+def lay_out_parts(parts: Sequence[Part]) -> RenderableType:
     """Lay out parts for the terminal, without charts; text is never interpreted as markup."""
     shown = (part for part in parts if not isinstance(part, Chart))
     return Group(*(_lay_out_line(part) if isinstance(part, Line) else _FittedTable(part) for part in shown))

@@ -98,7 +98,7 @@ class Queue:
         """Add the first part of a new job, in the transaction that stores the job."""
         self._add_part(connection, Part(job_id, 0, 0), turn=_priority_now())
 
-    def leave(self, job_id: str, parts: Iterable[Part]) -> None:
+    def add_following_parts(self, job_id: str, parts: Iterable[Part]) -> None:
         """Add parts of a job that has begun; a part that was added before is not added again.
 
         Newer jobs go first for a while, which is longer the more jobs have begun: small jobs do not wait for

@@ -104,7 +104,7 @@ class Recovery:
             self._fail_given_up,
             lambda: self._engine.remove_ended_parts(self._store.going_on),
             lambda: purge(self._store, self._now() - KEEP_DELETED),
-            lambda: self._trends.derive_due(_DERIVED),
+            lambda: self._trends.renew_outdated_summaries(_DERIVED),
         ]
         for duty in duties:
             try:
