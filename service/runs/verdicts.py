@@ -251,7 +251,7 @@ def assess_with_run(subject: str, reasons: Sequence[Finding], run: Assessment | 
         parts.append(f"{format_count(len(run.reasons), 'reason')} of its run")
     if not parts:
         passed = "" if run is None else f"; {describe_passed_checks(run, ' of its run')}"
-        parts = [f"nothing speaks against it{passed}"]
+        parts = [f"no fault was found{passed}"]
     headline = f"{_SUBJECT[whole.verdict].format(subject)}: {', '.join(parts)}"
     return whole.model_copy(update={"headline": headline})
 

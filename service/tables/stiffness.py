@@ -107,7 +107,7 @@ class StiffnessUnit:
     def format_concise(self, joint: JointResult) -> Line:
         """Return a joint's value with its standard uncertainty in the last digits: 2.51(12) (GUM, 7.2.2)."""
         if (unit := self.for_kind(joint.kind)) is not self:
-            line = unit.concise(joint)
+            line = unit.format_concise(joint)
             return line if joint.compliance is None else Line(f"{line.text} {unit.label}", line.style)
         value = None if joint.compliance is None else self.value(joint.compliance)
         if value is None:

@@ -165,7 +165,7 @@ def _percent(share: Estimate) -> str:
 def _list_method_parts(entries: Sequence[ComparedRun], view: View) -> list[Part]:
     """Return tables of the joints in columns by method with a legend, and a table of the fits as a whole."""
     unit, drawn = view.unit, next((entry.draws for entry in entries if entry.draws), None)
-    cell: Cell = partial(_drawn_cell, unit) if drawn else lambda entry, j: unit.concise(entry.joints[j])
+    cell: Cell = partial(_drawn_cell, unit) if drawn else lambda entry, j: unit.format_concise(entry.joints[j])
     alike = not view.details and drawn is None and _constraints_change_nothing(entries, cell)
     shown = [entry for entry in entries if not entry.positive] if alike else entries
     title = f"{unit.quantity.capitalize()} in {unit.label_of(entries[0].joints)}"
