@@ -99,7 +99,9 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
     run_model = RunModel.from_run(robot, run, absolute=request.absolute, masses=request.masses, length=length)
     cases, confidence = convert_load_cases(request, robot), request.confidence
     deflections = run_model.model.deflect(cases)
-    bound = None if run_model.error is None else run_model.error.bound(cases, deflections.leverage, confidence)
+    bound = (
+        None if run_model.error is None else run_model.error.bound(cases, deflections.leverage, confidence)
+    )
     # Stiffness is reported along the stated direction, or along the force; without either it is NaN.
     vectors = [case.direction or force for case, force in zip(request.cases, cases.force, strict=True)]
     directions: FloatArray = np.array(vectors, dtype=np.float64)
@@ -110,7 +112,7 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
     return DeflectionResult(
         joint_kinds=kinds_of(robot),
         assessment=assess_with_run(
-            "prediction", _find_reasons(answers, cases, used.result), used.result.assessment
+            "prediction", _find_reasons(answers, cases, run_model.result), run_model.result.assessment
         ),
         confidence=confidence,
         model_error_postures=run_model.postures,
@@ -321,7 +323,7 @@ def _refuse_missing_columns(columns: Sequence[_Column], joints: int) -> None:
 
 
 def _read_case(row: list[str], columns: list[_Column], line: int, *, decimal_comma: bool) -> dict[str, Any]:
-    """Parse the cells of a row; return field → value of a load case, vectors as lists in the request's units."""
+    """Parse a row; return field → value of a load case, vectors as lists in the request's units."""
     if len(row) != len(columns):
         raise RequestError(
             f"{len(row)} cells under {len(columns)} headers",
@@ -367,7 +369,7 @@ def prediction_parts(result: DeflectionResult) -> list[Part]:
                 "N/mm",
             ),
         ],
-        title="Deflections in R0, with U without model error",
+        title="Deflections in R0; U does not include the model error",
         caption=f"U: expanded uncertainty from readings, loads and places; U and model error at {percent}; "
         "stiffness along the force, free to move sideways",
         plain=True,

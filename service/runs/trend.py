@@ -76,7 +76,7 @@ class _Budget(_Part):
     components: list[_Component]
 
     def contributions_to(self, joint: str) -> dict[str, float]:
-        """Return source → contribution to a joint's standard uncertainty; empty if the budget lacks the joint."""
+        """Return source → contribution to a joint's standard uncertainty; empty for an unknown joint."""
         if joint not in self.joints:
             return {}
         index = self.joints.index(joint)

@@ -80,8 +80,8 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
         Table(
             [
                 Column("joint", [joint.name for joint in joints], text=True),
-                Column("first", first.joints, unit.concise),
-                Column("second", second.joints, unit.concise),
+                Column("first", first.joints, unit.format_concise),
+                Column("second", second.joints, unit.format_concise),
                 Column("ratio", joints, lambda joint: _by_interval(joint.ratio, joint)),
                 Column(f"{100 * result.confidence:g} % interval", joints, _interval),
                 Column(
@@ -165,7 +165,9 @@ def _percent(share: Estimate) -> str:
 def _list_method_parts(entries: Sequence[ComparedRun], view: View) -> list[Part]:
     """Return tables of the joints in columns by method with a legend, and a table of the fits as a whole."""
     unit, drawn = view.unit, next((entry.draws for entry in entries if entry.draws), None)
-    cell: Cell = partial(_drawn_cell, unit) if drawn else lambda entry, j: unit.format_concise(entry.joints[j])
+    cell: Cell = (
+        partial(_drawn_cell, unit) if drawn else lambda entry, j: unit.format_concise(entry.joints[j])
+    )
     alike = not view.details and drawn is None and _constraints_change_nothing(entries, cell)
     shown = [entry for entry in entries if not entry.positive] if alike else entries
     title = f"{unit.quantity.capitalize()} in {unit.label_of(entries[0].joints)}"

@@ -132,7 +132,7 @@ def test_deflections_are_predicted_with_their_uncertainty():
             "predict pull.json postures.csv --load-point 0,0,120 --run run.json --output p.csv --overwrite"
         ),
         "Use this prediction: no fault was found; all 6 joints of its run passed the checks",
-        "Deflections in R0, with U without model error",
+        "Deflections in R0; U does not include the model error",
         "a -0.254 ± 0.017",
         "0.000 ± 0.000 -1.194 ± 0.035 — 671",
         "b 0.063 ± 0.001 -0.018 ± 0.001 -0.028 ± 0.001 — 1591",
