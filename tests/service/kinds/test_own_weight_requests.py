@@ -231,7 +231,8 @@ class TestWhatOwnWeightDoesNotKnow:
             asked = still | {"run_id": run["id"]} | more
             assert told(local.request("POST", "/v1/deflections", json=asked)) == (
                 f"422 | absolute | `absolute` needs own weight in run '{run['id']}', and no `masses` in the "
-                "request; one of these conditions is not met | choose a run with `weight` and without balancers, and leave "
+                "request; one of these conditions is not met | choose "
+                "a run with `weight` and without balancers, and leave "
                 "`masses` out"
             )
 

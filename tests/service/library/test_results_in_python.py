@@ -101,8 +101,8 @@ def test_a_result_shows_its_verdict_first(results, name, headline):
                 "1 0.108 ± 0.009",
                 "-1.145 ± 0.031 — 437",
                 "2 0.107 ± 0.009 0.019 ± 0.002 -1.145 ± 0.031 — 437",
-                "U: expanded uncertainty from readings, loads and places; U and model error at 95 %; stiffness "
-                "along the force, free to move sideways",
+                "U: expanded uncertainty from readings, loads and places; U and model error at 95 %; "
+                "stiffness along the force, free to move sideways",
             ],
         ),
     ],
