@@ -17,7 +17,7 @@ from jointstiff.solver.text import figure, rounded_down
 def lower_limit(joint: JointResult) -> float | None:
     """Return the lower limit of a joint's stiffness in SI units; None without a limit.
 
-    A result that is not to be used has no limit, as its model is refuted.
+    A joint with the verdict `do_not_use` has no limit, as its model is refuted.
     """
     return None if joint.verdict == "do_not_use" else joint.stiffness_at_least
 
@@ -37,13 +37,13 @@ class HasKind(Protocol):
 class StiffnessUnit:
     """A unit of stiffness, or of its inverse."""
 
-    factor: float  # factor from SI units to this one: of a stiffness, or if inverse of a compliance
-    label: str  # as printed
-    inverse: bool = False  # whether compliances are shown
-    sliding: StiffnessUnit | None = None  # the unit of prismatic joints; None in itself
+    factor: float  # factor from SI units to this unit, of a stiffness, or of a compliance if `inverse`
+    label: str  # name as printed
+    inverse: bool = False  # whether compliances are shown instead of stiffnesses
+    sliding: StiffnessUnit | None = None  # the unit for prismatic joints; None if it is this unit
 
     def for_kind(self, kind: JointKind) -> StiffnessUnit:
-        """Return the unit for joints of a kind: this one, or for prismatic joints `sliding`."""
+        """Return the unit for joints of a kind: `sliding` for prismatic joints, else this unit."""
         return self.sliding if kind == "prismatic" and self.sliding is not None else self
 
     def label_of(self, joints: Iterable[HasKind]) -> str:
@@ -58,13 +58,16 @@ class StiffnessUnit:
         return "compliance" if self.inverse else "stiffness"
 
     def value(self, compliance: float) -> float | None:
-        """Convert a compliance in SI units to this unit; None for a rigid joint, of unlimited stiffness."""
+        """Convert a compliance in SI units to this unit; None for a rigid joint, whose stiffness is infinite."""
         if self.inverse:
             return self.factor * compliance
         return self.factor / compliance if compliance else None
 
     def uncertainty(self, joint: JointResult) -> float | None:
-        """Return a joint's standard uncertainty in this unit; of stiffness to first order u(k) = u(c) k²."""
+        """Return a joint's standard uncertainty in this unit; None if it is unknown.
+
+        That of a stiffness k = 1/c follows from that of the compliance c to first order: u(k) = u(c) k².
+        """
         if joint.standard_uncertainty is None:
             return None
         if self.inverse:
@@ -74,7 +77,10 @@ class StiffnessUnit:
         return self.factor * joint.standard_uncertainty * joint.stiffness**2
 
     def cells(self, joint: JointResult) -> tuple[str, str, str]:
-        """Return a joint's value, standard uncertainty and interval as texts; if prismatic, with the unit."""
+        """Return a joint's value, standard uncertainty and interval as texts, in this unit.
+
+        The value of a prismatic joint is followed by its unit, which differs from that of the column.
+        """
         if (unit := self.for_kind(joint.kind)) is not self:
             cells = unit.cells(joint)
             return cells[0] if joint.compliance is None else f"{cells[0]} {unit.label}", cells[1], cells[2]
@@ -94,7 +100,7 @@ class StiffnessUnit:
         if ends is not None and ends[1] is not None and joint.stiffness is not None:
             low, high = (format_rounded(self.factor * end, uncertainty) for end in (ends[0], ends[1]))
             return f"{low} … {high}"
-        # Without an upper end the one-sided bound is shown, which is above the interval's lower end.
+        # Without an upper end the one-sided bound is shown, which is tighter than the interval's lower end.
         if (least := lower_limit(joint)) is None:
             return "—"
         bound = rounded_down(least)
@@ -149,5 +155,5 @@ UNITS: Final[Mapping[str, StiffnessUnit]] = MappingProxyType(
         ),
     }
 )
-"""Units by the names of the terminal; the page has the same."""
+"""Name of a unit on the terminal and on the page → unit."""
 DEFAULT_UNIT: Final = "MNm/rad"

@@ -27,7 +27,7 @@ from jointstiff.service.store.database import engine_of
 from jointstiff.service.store.store import Store
 
 ATTEMPTS: Final = 5
-"""Deaths of workers over one part of a job, with no step finished between them, before the job is given up."""
+"""Deaths of workers over one part of a job, without a finished step, after which the job is given up."""
 LATER_SECONDS: Final = 60.0
 """Time until a part is offered again if only another version of the program knows its kind of job [s]."""
 _APPLICATION: Final = "jointstiff"
@@ -47,8 +47,8 @@ def _refuse_pickle(cls: DefaultSerializer, serialized_data: str) -> NoReturn:  #
     raise ValueError("a row of the queue has a pickled object; pickled objects are not read")
 
 
-# Whatever serializer is chosen, DBOS uses this class to read rows that are marked as pickles. Otherwise anyone
-# who can write to the database could run code in the workers.
+# Whatever serializer is chosen, DBOS uses this class to read rows that are marked as pickles. Unchanged, it
+# would let anyone who can write to the database run code in the workers.
 DefaultSerializer.deserialize = _refuse_pickle  # type: ignore[method-assign]
 # DBOS logs every retry, and at each start an advertisement of its cloud service.
 logging.getLogger("dbos").setLevel(logging.CRITICAL)
@@ -127,7 +127,7 @@ class Queue:
         return {each.workflow_id: str(each.executor_id) for each in self._list_rows(status="PENDING")}
 
     def hand_over(self, parts: Iterable[str]) -> None:
-        """Offer claimed parts, given by their ids, to all workers again, without counting a worker's death."""
+        """Offer claimed parts, given by ids, to all workers again, without counting a worker's death."""
         if part_ids := list(parts):
             self._client.resume_workflows(part_ids, queue_name=_QUEUE)
 
@@ -229,7 +229,7 @@ class Engine(Queue):
             """Carry out a part that DBOS has claimed for this process."""
             name, part = str(DBOS.workflow_id), Part(job_id, number, kept)
             if self._is_stopping.is_set():
-                # `stop` offers this part to other workers. While this thread waits, DBOS claims no other part.
+                # `stop` offers this part to other workers. While this thread waits, DBOS claims no other.
                 self._is_closed.wait()
                 return
             self._clocks[name] = _clock_of_thread()
@@ -265,7 +265,7 @@ class Engine(Queue):
         super().close()
 
     def active(self) -> dict[str, float]:
-        """Return part's id → processor time of its thread [s], for the parts that this process carries out."""
+        """Return part's id → processor time of its thread [s], for the parts running in this process."""
         used = {}
         for name, clock in list(self._clocks.items()):
             with suppress(OSError):  # the thread has ended meanwhile
@@ -294,7 +294,7 @@ def job_of(part: str) -> str:
 
 
 def _part_id(part: Part) -> str:
-    """Return a part's id. DBOS counts starts by id: each stored step changes the id, and restarts the count."""
+    """Return a part's id. DBOS counts starts by id: each stored step changes the id, so counting begins anew."""
     return f"{part.job_id}-{part.number:06}-{part.kept}"
 
 
