@@ -278,7 +278,7 @@ class ComparisonResult(Result):
 
     @property
     def summary(self) -> ResultSummary:
-        """Excerpt for listings: of two compared sets the poorer fit, of the methods for one set the best."""
+        """Excerpt for listings: figures of the poorer of two compared sets, or of the best method."""
         runs_of_sides = {side.run_id for side in self.sides}
         has_two_sides = bool(self.joints)
         fits = [

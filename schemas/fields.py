@@ -42,11 +42,12 @@ def require_exactly_one(first: str, second: str) -> Any:  # noqa: ANN401 - what 
 
 
 def content_key(text: str) -> str:
-    """Return an idempotency key made of a JSON text's SHA-256: a service stores equal texts only once."""
+    """Return an idempotency key made of a JSON text's SHA-256, so that equal texts are stored only once."""
     return f"content {sha256(text.encode()).hexdigest()}"
 
 
 def _refuse_unprintable(text: str) -> str:
+    """Return a text unchanged; refuse unprintable characters and blanks at its ends."""
     if not text.isprintable() or text != text.strip():
         raise ValueError("must be printable text without leading or trailing blanks")
     return text
@@ -142,7 +143,7 @@ class Page(Message, Generic[Item]):
 
 
 def validate_list(kind: type[Item], documents: Sequence[dict[str, Any]]) -> list[Item]:
-    """Validate many documents in one call; return the messages. A call for each is five times slower."""
+    """Validate many documents in one call, five times faster than one by one; return the messages."""
     return _list_adapter(kind).validate_python(documents, from_attributes=True)
 
 
@@ -155,14 +156,14 @@ def _list_adapter(kind: type[Item]) -> TypeAdapter[list[Item]]:
 class Terminal:
     """Form of a field on the command line, if its name and type do not determine it."""
 
-    option: str = ""  # name, such as `--prior`; the field's if empty
-    metavar: str = ""
-    parse: Callable[[str], Any] | None = None  # from text to JSON; raises a ValueError
-    gather: Literal["one", "list", "dict"] = "one"  # whether it is repeated, and what becomes of the values
-    unit: str = ""  # unit of its numbers as the command line states them to the API: m, deg, N
+    option: str = ""  # name, such as `--prior`; if empty, made from the name of the field
+    metavar: str = ""  # form of the value in the help
+    parse: Callable[[str], Any] | None = None  # converts text to JSON; raises a ValueError
+    gather: Literal["one", "list", "dict"] = "one"  # collection of the values of a repeated option
+    unit: str = ""  # unit of the option's numbers: m, deg or N
     hidden: bool = False  # whether the field has no option: it comes from a file of options
-    flag: str = ""  # value that the option means, if it takes none
-    text: str = ""  # help, if the description of the field does not hold on the command line
+    flag: str = ""  # value of the field if the option is stated; then the option takes no value
+    text: str = ""  # help text, if the description of the field is not right for the command line
 
 
 def parse_prior(text: str) -> tuple[str, dict[str, float]]:

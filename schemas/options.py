@@ -137,7 +137,7 @@ METHODS_IN_SHORT = {"CP": "complete_pose", "PP": "partial_pose", "DPP": "decoupl
 
 
 def _expand_method_name(name: object) -> object:
-    """Return the full name of a method for a short one, in either case; anything else as it is."""
+    """Return the full name of a method for its abbreviation, upper or lower case; return others unchanged."""
     return METHODS_IN_SHORT.get(name.upper(), name) if isinstance(name, str) else name
 
 
@@ -362,11 +362,13 @@ class RunOptions(MethodOptions):
         incompatible |= {"stiffness_bounds", "stiffness_order", "causes"}
         for name in sorted(incompatible & info.data.keys()):
             if info.data[name] != cls.model_fields[name].get_default(call_default_factory=True):
-                raise ValueError(f"does not go with `{name}`: leave one of the two out")
+                raise ValueError(f"cannot be combined with `{name}`: leave one of the two out")
         compatible = {"loss": {"automatic", "squared"}, "elasticity": {"automatic", "joints"}}
         for name, accepted in compatible.items():
             if name in info.data and info.data[name] not in accepted:
-                raise ValueError(f"does not go with {name} `{info.data[name]}`: leave one of the two out")
+                raise ValueError(
+                    f"cannot be combined with {name} `{info.data[name]}`: leave one of the two out"
+                )
         return weight
 
     @field_validator("stiffness_bounds", mode="after")

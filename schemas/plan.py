@@ -94,13 +94,13 @@ def parse_goal(text: str) -> dict[str, Any]:
     """Parse a goal: `15 %` (every joint), `6 um` (the deflection in a box), or `below 0.5 mm`.
 
     Raises:
-        ValueError: the text is no goal.
+        ValueError: the text is not a goal.
     """
     match = _WORDS.fullmatch(text.strip())
     relative = match is not None and match["unit"] == "%"
     if match is None or float(match["number"]) <= 0.0 or (relative and match["below"]):
         raise ValueError(
-            f'\'{text}\' is no goal: write "15 %" for every joint, "6 um" for the deflection in the work '
+            f'\'{text}\' is not a goal: write "15 %" for every joint, "6 um" for the deflection in the work '
             'area, or "below 0.5 mm" for a decision about it'
         )
     number = float(match["number"])

@@ -86,7 +86,7 @@ class _Joint(Protocol):
 
 
 def count_identified_joints(joints: Iterable[_Joint]) -> int:
-    """Count the joints whose stiffness has an upper limit, or, without an interval, is identified."""
+    """Return the number of joints that are identified, and have an upper limit if they have an interval."""
     found = 0
     for joint in joints:
         ends = joint.stiffness_interval
@@ -160,7 +160,7 @@ class Budget(Message):
     )
 
     def contributions_to(self, joint: str) -> dict[str, float]:
-        """Return the contributions to a joint's standard uncertainty by source; empty without a number."""
+        """Return source → contribution to a joint's standard uncertainty; empty for an unknown joint."""
         if joint not in self.joints:
             return {}
         place = self.joints.index(joint)
@@ -558,7 +558,7 @@ class RunResult(Result):
         )
 
     def mean_lengths(self, of: Literal["deflection", "residual"]) -> dict[str, float]:
-        """Return by observation the mean length [m] of its targets' deflections, or of their residuals."""
+        """Return observation's label → mean length [m] of its targets' deflections, or of their residuals."""
         lengths: dict[str, list[float]] = {}
         for each in self.residuals:
             lengths.setdefault(each.observation, []).append(hypot(*getattr(each, of)))

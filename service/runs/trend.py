@@ -251,7 +251,7 @@ def _summarise_point(campaign: Campaign, name: str) -> messages.TrendPoint:
     """Return the stiffness of a joint in a campaign, with the reason if the stiffness cannot be compared."""
     joint = campaign.joints.get(name)
     if joint is None:
-        return messages.TrendPoint(reason="the run has no such joint")
+        return messages.TrendPoint(reason="the run has no joint of this name")
     reason = None if _comparable_log_stiffness(campaign, name) else _OPEN_INTERVAL
     if joint.status != "identified":
         reason = joint.reason or f"the joint is {joint.status.replace('_', ' ')}"
@@ -275,8 +275,8 @@ def _write_note(campaigns: Sequence[Campaign], joints: Sequence[messages.TrendJo
     alike = max(signs.count(True), signs.count(False))
     if alike > 2 and 2 * alike > len(joints):
         return (
-            f"{alike} of {len(joints)} joints changed in one direction, as by an error of the force: check "
-            "the load of the first and of the latest campaign"
+            f"{alike} of {len(joints)} joints changed in one direction, which suggests an error of the "
+            "force: check the load of the first and of the latest campaign"
         )
     return None
 
@@ -383,7 +383,7 @@ def split_by_comparability(
 def _reason_not_comparable(candidate: Campaign, selection: messages.TrendSelection | None) -> str | None:
     """Return why a run does not belong to the trend of a selection; None if the run belongs to the trend."""
     if (unfit := _reason_not_charted(candidate)) is not None or selection is None:
-        return unfit or "no run of it matches the query"
+        return unfit or "no run of this set matches the query"
     own, required = candidate.selection.model_dump(), selection.model_dump()
     differing = [name for name in required if own[name] != required[name]]
     return ", ".join(f"{name.replace('_', ' ')}: {_show_value(own[name])}" for name in differing) or None

@@ -139,7 +139,7 @@ PARSERS: Final = 1
 MAX_STRUCTURE: Final[Mapping[bytes, int]] = MappingProxyType(
     {b"{": 60_000, b"[": 400_000, b":": 300_000, b",": 1_000_000}
 )
-"""Most objects, lists, members and values in a body. A parser spends up to 1 kB on an empty object of 2 bytes:
+"""Most objects, lists, members and values in a body. A parser spends up to 1 kB on an empty object (2 bytes):
 8 MiB of them would take gigabytes before the first fault is found."""
 MAX_KEYS: Final = 4_000
 """Most different keys in a body. Each unknown key is a fault, and validation spends 1 kB on a fault."""

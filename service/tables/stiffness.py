@@ -58,7 +58,7 @@ class StiffnessUnit:
         return "compliance" if self.inverse else "stiffness"
 
     def value(self, compliance: float) -> float | None:
-        """Convert a compliance in SI units to this unit; None for a rigid joint, whose stiffness is infinite."""
+        """Convert a compliance in SI units to this unit; None for a rigid joint (infinite stiffness)."""
         if self.inverse:
             return self.factor * compliance
         return self.factor / compliance if compliance else None

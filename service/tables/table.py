@@ -263,7 +263,7 @@ def _find_message_classes(annotation: Any) -> Iterator[type[Message]]:  # noqa: 
 
 
 def _find_unit(annotation: Any, key: str) -> str:  # noqa: ANN401 - a type
-    """Return the unit that a part of a type annotation declares, such as a dictionary's values; else empty."""
+    """Return the unit that a part of a type annotation declares, as for a dictionary's values; else empty."""
     for part in get_args(annotation):
         is_field = isinstance(part, FieldInfo)
         unit = _unit_in_schema(part.json_schema_extra, key) if is_field else _find_unit(part, key)
@@ -303,5 +303,5 @@ def vector_formatter(form: str, scale: float = 1.0, between: str = "  ") -> Show
 
 
 def interval_formatter(form: str, scale: float = 1.0, between: str = " to ") -> Show:
-    """Return a function that formats the two ends of an interval times a scale; an end of None is no limit."""
+    """Return a function that formats the two ends of an interval times a scale; None means no limit."""
     return lambda pair: between.join("no limit" if end is None else figure(scale * end, form) for end in pair)

@@ -294,7 +294,7 @@ def job_of(part: str) -> str:
 
 
 def _part_id(part: Part) -> str:
-    """Return a part's id. DBOS counts starts by id: each stored step changes the id, so counting begins anew."""
+    """Return a part's id. DBOS counts starts by id: each stored step changes the id, so counts begin anew."""
     return f"{part.job_id}-{part.number:06}-{part.kept}"
 
 
