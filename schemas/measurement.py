@@ -460,7 +460,7 @@ class Reading(Message):
         if is_short or len(directions) != (self.displacement is not None):
             raise ValueError(
                 "give exactly one of `direction` and `flange_direction` with a `displacement`, at least "
-                f"{LEAST_DIRECTION:g} long, and neither without one"
+                f"{LEAST_DIRECTION:g} long, and neither of them with another reading"
             )
         if self.displacement is not None and self.unloaded_covariance is not None:
             raise ValueError("give `sigma` with a `displacement`: it has no covariance")

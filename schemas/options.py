@@ -332,8 +332,7 @@ class RunOptions(MethodOptions):
         loss = info.data.get("loss")
         if loss == "absolute" and elasticity in {"joints", "automatic"}:
             raise ValueError(
-                "must be named, and other than `joints`, for loss `absolute`; use loss `huber` for joints "
-                "alone"
+                "must be stated, and not be `joints`, with loss `absolute`; for joints alone use loss `huber`"
             )
         return elasticity
 

@@ -218,8 +218,8 @@ def test_residuals_and_configurations_are_tables_of_their_own(results):
         ),
         (
             lambda run, _: run.apply("dance"),
-            "apply: the assessment does not advise 'dance'; remedy: no reason has an action: read the "
-            "remedies",
+            "apply: the assessment does not advise 'dance'; remedy: no reason offers an action: read "
+            "the remedies",
         ),
     ],
 )
