@@ -65,9 +65,9 @@ class ComparisonRequest(ComparisonOptions):
     """A comparison as it is posted: runs of one or two measurement sets, which are its sides."""
 
     run_ids: Annotated[list[Identifier], Field(min_length=2, max_length=MAX_COMPARED)] = Field(
-        description="Runs to compare. The first run of each of two sets is that by which the sets are "
-        "compared; where a constraint holds a joint of it, list the same run with `positive` false, too: "
-        "ratios are those of estimates without constraints."
+        description="Runs to compare. Two sets are compared by the first run of each; if a constraint holds "
+        "one of its joints, list the same run with `positive` false, too: ratios are those of estimates "
+        "without constraints."
     )
 
     @field_validator("run_ids", mode="after")

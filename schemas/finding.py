@@ -235,7 +235,7 @@ class Finding(Message):
     code: FindingCode = Field(description="Kind of the finding.")
     weight: Verdict = Field(
         description="Best verdict that it allows: `do_not_use`, almost certainly a mistake, to be corrected "
-        "first; `use_with_care`, to be checked; `use`, for information. A run sums up the "
+        "first; `use_with_care`, to be checked; `use`, a mere remark. A run sums up the "
         "findings of its set by kind, and may explain them."
     )
     where: str | None = Field(
@@ -268,7 +268,7 @@ class Assessment(Message):
     joint_count: int | None = Field(default=None, description="Number of joints; null for geometries.")
     headline: str | None = Field(
         default=None,
-        description="Verdict in one line, which says of what, for what is made of a run: prediction, map, "
+        description="Verdict in one line with its subject, for results made from a run: prediction, map, "
         "program, plan, comparison. Null for runs and geometries.",
     )
     notes: list[str] = Field(

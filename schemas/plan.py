@@ -359,10 +359,10 @@ class PlannedJoint(Message):
         description="Standard uncertainty now; null if the joint is not determined."
     )
     random: Compliance[float | None] = Field(
-        description="Standard uncertainty by random plans of as many readings."
+        description="Standard uncertainty after random plans of equal length."
     )
     one_at_a_time: Compliance[float | None] = Field(
-        description="Standard uncertainty by taking the best next reading each time."
+        description="Standard uncertainty if each reading is the best next one."
     )
 
 
@@ -384,7 +384,7 @@ class PlanResult(Result):
         description="Joints that the plan does not determine: no load twists them, and none were named."
     )
     criterion: PlanCriterion
-    elastic_links: StrictBool = Field(description="True if elastic links were a nuisance.")
+    elastic_links: StrictBool = Field(description="True if elastic links were unknowns, too.")
     efficiency: Dimensionless[float] = Field(
         description="Certified: the list has at least this share of the information of the best list of the "
         "same length from these candidates, over all directions of force if these are free."
