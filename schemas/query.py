@@ -84,7 +84,7 @@ class WaitQuery(Message):
 
 
 class FileQuery(AcceptingOptions):
-    """Options of the files of jobs; a file takes those that it is about."""
+    """Options of the files of jobs; a file uses only those that concern it."""
 
     unit: Literal["MNm/rad", "kNm/deg", "Nm/arcmin", "Nm/rad", "urad/Nm"] = Field(
         default="MNm/rad", description="Unit of stiffness in `tables.json`."

@@ -43,7 +43,9 @@ def find_advised_action(assessment: Assessment, kind: str) -> Action:
     kinds = list(dict.fromkeys(action.kind for action in actions if action.kind != "show_posture"))
     advised_action = next((action for action in actions if action.kind == kind and kind in kinds), None)
     if advised_action is None:
-        remedy = f"give one of: {', '.join(kinds)}" if kinds else "no reason offers an action: read the remedies"
+        remedy = (
+            f"give one of: {', '.join(kinds)}" if kinds else "no reason offers an action: read the remedies"
+        )
         raise RequestError(f"the assessment does not advise '{kind}'", where="apply", remedy=remedy)
     return advised_action
 

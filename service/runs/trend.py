@@ -261,6 +261,7 @@ def _summarise_point(campaign: Campaign, name: str) -> messages.TrendPoint:
 
 
 def _relative_change(change: Change) -> Estimate:
+    """Return the change as a share of the first stiffness, with its standard uncertainty."""
     return Estimate(value=change.relative, standard_uncertainty=change.relative_uncertainty)
 
 
@@ -271,7 +272,7 @@ def _write_note(campaigns: Sequence[Campaign], joints: Sequence[messages.TrendJo
     if len(campaigns) == 1:
         return "only one campaign: a second one is needed to compare"
     signs = [joint.change.value > 0.0 for joint in joints if joint.changed and joint.change is not None]
-    # Joints seldom soften together: a change of most of them in one direction points to the load.
+    # Joints seldom soften together: if most of them changed in one direction, the load is probably wrong.
     alike = max(signs.count(True), signs.count(False))
     if alike > 2 and 2 * alike > len(joints):
         return (

@@ -178,7 +178,7 @@ class Sheet:
 
     @classmethod
     def from_rows(cls, rows: Iterable[Mapping[str, Value]]) -> Sheet:
-        """Build a sheet from rows, each of which maps the same headers to values."""
+        """Build a sheet from rows that all map the same headers to values."""
         listed = list(rows)
         return cls({header: [row[header] for row in listed] for header in (listed[0] if listed else ())})
 

@@ -66,7 +66,7 @@ def new_bar() -> ProgressBar:
 
 
 def problem_text(problem: Problem) -> Text:
-    """Lay out an error for the terminal."""
+    """Lay out an error for the terminal: place, reason and remedy of each fault."""
     return _style_line(problem_line(problem))
 
 
@@ -162,6 +162,7 @@ class _FittedTable:
 
 
 def _style_line(line: Line) -> Text:
+    """Return the text of a line in the terminal's style for it; the text is not interpreted as markup."""
     return Text(line.text, style=_STYLES[line.style])
 
 
