@@ -75,7 +75,7 @@ def is_loopback(address: str) -> bool:
         return address.removesuffix(".").lower() == "localhost"
 
 
-def find_refusal(posture: AccessPolicy, scope: Scope) -> Problem | None:
+def find_refusal(policy: AccessPolicy, scope: Scope) -> Problem | None:
     """Check the host and the origin of a request; return the problem by which it is refused, or None.
 
     A request to an unknown host name (421) may come from a page of an attacker who lets this name point to
@@ -85,7 +85,7 @@ def find_refusal(posture: AccessPolicy, scope: Scope) -> Problem | None:
     headers = Headers(scope=scope)
     hosts = headers.getlist("host")
     parsed = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
-    known = posture.hosts
+    known = policy.hosts
     if parsed is None or (known is not None and parsed[1].removesuffix(".").lower() not in known):
         return http_problem(
             421,
