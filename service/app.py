@@ -25,7 +25,7 @@ from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.process import jointstiff_version
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.security.access import Audit, Gate, operation_id, public_paths
-from jointstiff.service.security.admission import LARGE_BODIES, PARSERS, BodyLimits, Posture
+from jointstiff.service.security.admission import LARGE_BODIES, PARSERS, AccessPolicy, BodyLimits
 from jointstiff.service.security.keys import Keyring
 from jointstiff.service.store.store import Store
 
@@ -49,7 +49,7 @@ the correction. Posting with an `Idempotency-Key` is safe to repeat.
 def create_app(
     store: Store,
     enqueue: Enqueue | None = None,
-    posture: Posture | None = None,
+    posture: AccessPolicy | None = None,
     keyring: Keyring | None = None,
     laboratory: LaboratorySettings | None = None,
 ) -> FastAPI:
@@ -76,7 +76,7 @@ def create_app(
         redirect_slashes=False,  # a redirect would repeat the Host header, whoever wrote it
         lifespan=_lifespan,
     )
-    posture = posture or Posture()
+    posture = posture or AccessPolicy()
     demands_keys = posture.access == "keys"
     keyring = keyring or Keyring(store)
     app.state.watch = watch = Watch(store, keyring if demands_keys else None)

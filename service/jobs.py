@@ -41,7 +41,7 @@ from jointstiff.service.problems import (
 )
 from jointstiff.service.process import versions
 from jointstiff.service.resources.stored import Resources
-from jointstiff.service.runs.trend import Trends, numbers_of_trend
+from jointstiff.service.runs.trend import Trends, extract_trend_json
 from jointstiff.service.store.database import BUSY_SECONDS
 from jointstiff.service.store.jobs import JOB
 from jointstiff.service.store.store import Store
@@ -92,7 +92,7 @@ class Part:
 class PartQueue(Protocol):
     """Queue in which parts of jobs wait for workers."""
 
-    def leave(self, job_id: str, parts: Iterable[Part]) -> object:
+    def add_following_parts(self, job_id: str, parts: Iterable[Part]) -> object:
         """Add parts of a running job to the queue; a part that was added before is not added again."""
 
     def others_wait(self, job_id: str) -> bool:
@@ -204,7 +204,7 @@ class Jobs:
         parts = [steps[first : first + STEPS_OF_A_PART] for first in range(0, len(steps), STEPS_OF_A_PART)]
         if number == part.kept == 0:
             self.mark_running(job_id)
-            queue.leave(
+            queue.add_following_parts(
                 job_id, [Part(job_id, other, 0) for other in range(1, min(PARTS_AT_ONCE, len(parts)))]
             )
         done, own_steps = stored.done(job_id), parts[number] if parts else ()
@@ -215,13 +215,13 @@ class Jobs:
             # Results that an earlier worker kept before it died are progress: the rest becomes a new entry
             # of the queue, which counts the deaths of workers from zero.
             if kept > part.kept and (span is remaining[0] or must_yield):
-                queue.leave(job_id, [Part(job_id, number, kept)])
+                queue.add_following_parts(job_id, [Part(job_id, number, kept)])
                 return
             if not stored.keep(job_id, span, pack(self.work(job_id).compute(span))):
                 return  # the job has ended
             kept += 1
         if (following := number + PARTS_AT_ONCE) < len(parts):
-            queue.leave(job_id, [Part(job_id, following, 0)])
+            queue.add_following_parts(job_id, [Part(job_id, following, 0)])
         # Another worker may have ended the job meanwhile, which removes the results: then there are fewer.
         if len(stored.done(job_id)) == len(steps) == len(results := stored.results(job_id)):
             self.conclude(job_id, results)
@@ -319,7 +319,7 @@ def record_of(kind: AnyKind, job: Job, robot_id: str | None) -> JobRecord:
         created_at=job.provenance.created_at,
         summary=summary.model_dump(mode="json", exclude_defaults=True, exclude=set(_ROW_FIELDS)),
         robot_id=robot_id,
-        trend=numbers_of_trend(job) if isinstance(job, Run) else None,
+        trend=extract_trend_json(job) if isinstance(job, Run) else None,
         document=job.model_dump_json(),
         **{name: getattr(summary, name) for name in _COLUMNS},
     )

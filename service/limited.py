@@ -32,7 +32,7 @@ from jointstiff.service.api.middleware import KNOWN_ID
 from jointstiff.service.app import create_app
 from jointstiff.service.process import FORMAT_VARIABLE, REQUEST_ID, LogFormat, set_log_format
 from jointstiff.service.security.access import REQUESTER, Requester, requester_of
-from jointstiff.service.security.admission import Posture
+from jointstiff.service.security.admission import AccessPolicy
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.engine import Queue
 
@@ -221,7 +221,7 @@ def run_child(descriptor: int) -> None:
     with ExitStack() as stack, suppress(EOFError, BrokenPipeError):
         store = stack.enter_context(Store.open(database, quota))
         queue = stack.enter_context(closing(Queue(store, database)))
-        app = create_app(store, queue.enqueue, Posture(hosts=None))
+        app = create_app(store, queue.enqueue, AccessPolicy(hosts=None))
         app.state.is_closing = lambda: True  # no request waits here for workers: the service itself does
         with suppress(OSError):  # without /proc there is no limit of memory
             # Its sixth number is the size of data and stack, the memory of the idle process.

@@ -26,7 +26,7 @@ from jointstiff.service.limited import LimitedChild
 from jointstiff.service.problems import ServiceError, StoreError
 from jointstiff.service.process import LogFormat, give_memory_back, jointstiff_version, set_log_format
 from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
-from jointstiff.service.security.admission import Posture
+from jointstiff.service.security.admission import AccessPolicy
 from jointstiff.service.security.keys import Keyring
 from jointstiff.service.settings import Settings
 from jointstiff.service.store.database import refuse_in_memory
@@ -191,14 +191,14 @@ def _url_without_password(database: str) -> str:
     return url.difference_update_query(["password", "sslpassword"]).render_as_string(hide_password=True)
 
 
-def _choose_posture(settings: Settings) -> Posture:
+def _choose_posture(settings: Settings) -> AccessPolicy:
     """Return which callers the service answers, by its settings.
 
     Raises:
         ServerError: other machines could reach the service without keys, and no option allows it.
     """
     try:
-        return Posture.of(
+        return AccessPolicy.from_address(
             settings.host,
             tuple(settings.allowed_host or ()),
             access_control=not settings.no_access_control,
@@ -213,7 +213,7 @@ def _choose_posture(settings: Settings) -> Posture:
         ) from error
 
 
-def _open_keyring(store: Store, posture: Posture, settings: Settings) -> Keyring:
+def _open_keyring(store: Store, posture: AccessPolicy, settings: Settings) -> Keyring:
     """Return the keys that open the service.
 
     Raises:

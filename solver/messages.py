@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 import pinocchio as pin
 
-from jointstiff.schemas.fields import Message, validated
+from jointstiff.schemas.fields import Message, validate_list
 from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.measurement import Rigid
 
@@ -23,7 +23,7 @@ def rows(kind: type[Built], /, **columns: Sequence[Any] | np.ndarray[Any, Any]) 
         kind: class of the messages.
         columns: values of each field, by its name; all columns have the same length.
     """
-    return validated(kind, table(**columns))
+    return validate_list(kind, table(**columns))
 
 
 def table(**columns: Sequence[Any] | np.ndarray[Any, Any]) -> list[dict[str, Any]]:

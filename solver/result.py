@@ -313,7 +313,7 @@ def stated_assessment(judgement: Assessment, joints: Sequence[JointCompliance]) 
     return StatedAssessment(
         verdict=judgement.verdict,
         reasons=list(judgement.reasons),
-        joints_identified=runs.found_in(joints),
+        joints_identified=runs.count_identified_joints(joints),
         joint_count=len(joints),
         notes=list(judgement.notes),
     )

@@ -16,10 +16,10 @@ from jointstiff.schemas.fields import Page
 from jointstiff.service.api.answers import PartsOf
 from jointstiff.service.api.bodies import BodyRoute
 from jointstiff.service.security.access import ADMIN, PUBLIC, Gate, cookie_name, requester_of
-from jointstiff.service.security.keys import described, mint
+from jointstiff.service.security.keys import describe_key, mint
 from jointstiff.service.store.store import SESSION_LONGEST, Store
 from jointstiff.service.store.tables import AccessKey
-from jointstiff.service.tables.files import csv_rows, guarded
+from jointstiff.service.tables.files import csv_rows, escape_formula
 from jointstiff.solver.errors import RequestError
 
 KeyId = Annotated[str, Path(pattern=r"^[0-9a-f]{10}$")]
@@ -106,13 +106,13 @@ async def create_key(gate: GateOf, parts: PartsOf, body: access.KeyRequest) -> a
     text, record = mint(body.name, body.role, now, body.expires_at)
     await run_sync(parts.store.keys.add, record)
     await run_sync(gate.keyring.look)  # valid in this process at once, in others when they read the keys next
-    return described(record).model_copy(update={"key": text})
+    return describe_key(record).model_copy(update={"key": text})
 
 
 @router.get("/keys", response_model=list[access.Key])
 async def list_keys(gate: GateOf) -> list[access.Key]:
     """List all keys, those of the file and revoked ones, too, in the order in which they came."""
-    return gate.keyring.listing()
+    return gate.keyring.list_keys()
 
 
 @router.delete("/keys/{key_id}", response_model=access.Key)
@@ -122,7 +122,7 @@ async def revoke_key(gate: GateOf, parts: PartsOf, key_id: KeyId) -> access.Key:
         raise HTTPException(409, "the key is in the file of keys: revoke it there")
     revoked = await run_sync(parts.store.keys.revoke, key_id, datetime.now(UTC))
     await run_sync(gate.keyring.look)  # valid in this process at once, in others when they read the keys next
-    return described(revoked)
+    return describe_key(revoked)
 
 
 @router.get("/audit", response_model=Page[access.AuditItem], responses=_TABLE)
@@ -146,7 +146,7 @@ def _write_audit_table(store: Store, key_id: str | None) -> Iterator[str]:
     page = store.audit.page(_ENTRIES_PER_PAGE, key_id=key_id)
     while True:
         rows = [{**asdict(entry), "at": entry.at.isoformat()} for entry in page.records]
-        yield csv_rows([guarded(value) for value in row.values()] for row in rows)
+        yield csv_rows([escape_formula(value) for value in row.values()] for row in rows)
         if page.next is None:
             return
         page = store.audit.page(_ENTRIES_PER_PAGE, page.next, key_id=key_id)

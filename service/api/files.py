@@ -30,7 +30,7 @@ from jointstiff.service.reports.job import job_document, job_parts, job_sheet
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.rendering import POLICY, report_page, report_pdf
 from jointstiff.service.reports.run import RunSubject, run_document
-from jointstiff.service.tables.files import csv_parts, written
+from jointstiff.service.tables.files import csv_parts, write_sheet
 from jointstiff.service.tables.report import View
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import Line, Part, Table
@@ -148,7 +148,7 @@ def _table_file(file: File, requested: _RequestedFile) -> Content:
         what = file.description.partition(",")[0]
         reason = f"this {kind.name} has no rows for {file.name}, {what}"
         raise HTTPException(404, f"{reason}; use tables.json, or another of its files")
-    body = csv_parts(sheet) if file.suffix == "csv" else written(sheet, file.suffix)
+    body = csv_parts(sheet) if file.suffix == "csv" else write_sheet(sheet, file.suffix)
     return Content(body, file.media_type, _attachment_header(f"{kind.name}-{job.id}.{file.suffix}"))
 
 

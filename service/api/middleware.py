@@ -22,8 +22,8 @@ from jointstiff.service.api.health import Metrics
 from jointstiff.service.problems import StoreError, http_problem
 from jointstiff.service.process import ACCESS_LOGGER, REQUEST_ID
 from jointstiff.service.security.access import REQUESTER, Audit, Gate, Requester, address_of, public_paths
-from jointstiff.service.security.admission import SAFE, Posture, is_loopback, refusal
-from jointstiff.service.security.keys import without_keys
+from jointstiff.service.security.admission import SAFE, AccessPolicy, find_refusal, is_loopback
+from jointstiff.service.security.keys import hide_secrets
 
 _LIVENESS_PATH: Final = "/live"
 """Address for liveness probes of containers, which is answered even before a key exists."""
@@ -41,7 +41,7 @@ class Guard:
     """Middleware that checks host, origin and key of a request, refuses or forwards it, and audits it."""
 
     def __init__(
-        self, app: ASGIApp, posture: Posture, gate: Gate, audit: Audit, routes: Iterable[BaseRoute]
+        self, app: ASGIApp, posture: AccessPolicy, gate: Gate, audit: Audit, routes: Iterable[BaseRoute]
     ) -> None:
         """Wrap an application.
 
@@ -56,7 +56,7 @@ class Guard:
         """Forward a request, with its requester in the scope, or refuse it."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
-        elif problem := refusal(self._posture, scope):
+        elif problem := find_refusal(self._posture, scope):
             await answer_problem(problem)(scope, receive, send)
         elif REQUESTER in scope:  # another process of the service has identified the requester
             await self._app(scope, receive, send)
@@ -99,7 +99,7 @@ class Guard:
         is_public = scope["path"] in self._paths
         try:
             if not is_public or scope["path"].startswith("/v1/"):
-                requester.key = await self._gate.caller(HTTPConnection(scope), requester.address)
+                requester.key = await self._gate.find_key(HTTPConnection(scope), requester.address)
             if not is_public:
                 requester.require("viewer")
         except StoreError as error:
@@ -231,7 +231,7 @@ class Observed:
             route = getattr(scope.get("route"), "path", "other")
             self._metrics.count(method, route, status, seconds)
             if _logger.isEnabledFor(logging.INFO):
-                path = without_keys(
+                path = hide_secrets(
                     scope["path"]
                 )  # hides a key that a client put into the address by mistake
                 line = {"method": method, "path": path, "status": status, "seconds": round(seconds, 4)}

@@ -47,7 +47,7 @@ from jointstiff.service.problems import NotFoundError, place_in
 from jointstiff.service.resources.imports import import_files
 from jointstiff.service.resources.stored import described, stored_job
 from jointstiff.service.runs.deflection import predict_by_run
-from jointstiff.service.runs.mending import mended
+from jointstiff.service.runs.mending import mend_campaign
 from jointstiff.service.security.access import OPERATOR
 from jointstiff.service.store.collection import Collection
 from jointstiff.service.store.tables import IdempotencyKey, JobRecord
@@ -151,7 +151,7 @@ def _request_after_action(parts: Parts, run: Run, action: Action) -> RunRequest:
         measurement_set=_copy_fields(MeasurementSetDocument, stored),
         run=_copy_fields(RunOptions, request),
     )
-    after = mended(before, action)
+    after = mend_campaign(before, action)
     robot_id, set_id = stored.robot_id, stored.id
     if action.kind == "choose_robot":
         robot_id = action.robot_id or _store_robot_once(parts, _catalogue_robot(action.robot or ""))

@@ -139,7 +139,7 @@ def _show_example(address: str, *, once: bool) -> int:
     from jointstiff.service.reports.job import job_parts
     from jointstiff.service.resources.documents import json_text
     from jointstiff.service.tables.table import Line
-    from jointstiff.service.tables.terminal import console, printed, problem_text
+    from jointstiff.service.tables.terminal import console, lay_out_parts, problem_text
     from jointstiff.simulator import default_arm, simulate_campaign
 
     class ClientPostingOnce(Client):
@@ -164,7 +164,7 @@ def _show_example(address: str, *, once: bool) -> int:
         return 1
     parts = job_parts(RUN, run)
     others = [part for part in job_parts(COMPARISON, comparison) if part not in parts]
-    console().print(printed([*parts, Line(""), *others]))
+    console().print(lay_out_parts([*parts, Line(""), *others]))
     if once:  # the address ends with the service
         typer.echo(f"\nRun {run.id}\nTo open its page: the same command without --once")
     else:

@@ -225,12 +225,12 @@ def _run_import(files: Sequence[Path], chosen: Options, values: Mapping[str, Any
 
 def _print_answer(answer: ImportAnswer, *, as_json: bool) -> None:
     """Print what the files mean, as JSON or as the report for a terminal."""
-    from jointstiff.service.tables.terminal import console, printed
+    from jointstiff.service.tables.terminal import console, lay_out_parts
 
     if as_json:
         typer.echo(answer.model_dump_json(indent=2))
     else:
-        console().print(printed(import_report(answer)))
+        console().print(lay_out_parts(import_report(answer)))
 
 
 def _merge_options(options: Options, others: Options) -> Options:

@@ -78,12 +78,12 @@ def create(
 @keys.command("list")
 def list_keys(*, database: DatabaseUrl = "sqlite:///jointstiff.db", keys_file: KeysFilePath = None) -> None:
     """List all keys, including revoked ones."""
-    from jointstiff.service.security.keys import described
-    from jointstiff.service.tables.terminal import console, printed
+    from jointstiff.service.security.keys import describe_key
+    from jointstiff.service.tables.terminal import console, lay_out_parts
 
     with _open_keys(database, keys_file) as (kept, _):
-        found = [described(key, is_filed=keys_file is not None) for key in kept.all()]
-    console().print(printed([make_keys_table(found, datetime.now(UTC))]))
+        found = [describe_key(key, is_filed=keys_file is not None) for key in kept.all()]
+    console().print(lay_out_parts([make_keys_table(found, datetime.now(UTC))]))
 
 
 @keys.command()

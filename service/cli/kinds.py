@@ -15,7 +15,7 @@ import typer
 from typing_extensions import TypeAliasType
 
 from jointstiff.schemas.deflection import DeflectionOptions
-from jointstiff.schemas.fields import Message, Terminal, chain_of
+from jointstiff.schemas.fields import Message, Terminal, parse_chain
 from jointstiff.schemas.options import METHODS_IN_SHORT
 from jointstiff.service.cli import options as cli
 from jointstiff.service.kinds.kind import AnyKind
@@ -162,7 +162,7 @@ def build_predict_command() -> Callable[..., None]:
         from jointstiff.service.cli.models import read_or_identify_run
         from jointstiff.service.library import here
         from jointstiff.service.runs.deflection import prediction_csv, prediction_parts
-        from jointstiff.service.tables.terminal import console, printed
+        from jointstiff.service.tables.terminal import console, lay_out_parts
 
         if values["output"] is not None:
             cli.check_ending(values["output"], [".csv"])
@@ -176,7 +176,7 @@ def build_predict_command() -> Callable[..., None]:
         if values["as_json"]:
             typer.echo(result.model_dump_json(indent=2))
         else:
-            console().print(printed(prediction_parts(result)))
+            console().print(lay_out_parts(prediction_parts(result)))
 
     sources = {"file": (cli.CampaignFile, ...), "postures": (_Postures, ...), "run": (cli.RunFile, None)}
     fields = {key: (one, None) for key, one in field_options(DeflectionOptions, _POINT_FORMS)}
@@ -414,7 +414,7 @@ def _option_type(kind: Any, unit: str) -> tuple[Any, dict[str, Any]] | None:  # 
             "metavar": f"X,Y,Z{shown}",
         }
     if get_origin(kind) is list and (parts[0] is str or get_origin(parts[0]) is Literal):
-        return Parsed, {"parser": chain_of, "metavar": "NAME,NAME,..."}
+        return Parsed, {"parser": parse_chain, "metavar": "NAME,NAME,..."}
     return None
 
 
@@ -477,7 +477,7 @@ def _apply_action(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  #
     """
     from jointstiff.service.kinds.run.kind import before_and_after
     from jointstiff.service.tables.stiffness import UNITS
-    from jointstiff.service.tables.terminal import console, printed
+    from jointstiff.service.tables.terminal import console, lay_out_parts
 
     path = _path_of_corrected_campaign(values)
     if path is None:
@@ -486,7 +486,7 @@ def _apply_action(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  #
     document = after.campaign.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
     cli.write_json(path, document)
     if after.result is not None and not values["as_json"]:
-        console().print(printed([before_and_after(job.result, after.result, UNITS[values["unit"]])]))
+        console().print(lay_out_parts([before_and_after(job.result, after.result, UNITS[values["unit"]])]))
     return after
 
 

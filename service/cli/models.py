@@ -105,7 +105,7 @@ def robots(
     """List the nominal arms of the catalogue."""
     from jointstiff.service.conversion.catalogue import catalogue, find_arm, nominal_robot
     from jointstiff.service.problems import problem_of
-    from jointstiff.service.tables.terminal import console, printed
+    from jointstiff.service.tables.terminal import console, lay_out_parts
     from jointstiff.solver.errors import RequestError
 
     if output is not None and name is None:
@@ -117,7 +117,7 @@ def robots(
     if as_json:
         typer.echo((arm or catalogue()).model_dump_json(indent=2))
     else:
-        console().print(printed(_arm_list_parts(catalogue()) if arm is None else _arm_parts(arm)))
+        console().print(lay_out_parts(_arm_list_parts(catalogue()) if arm is None else _arm_parts(arm)))
     if output is not None and arm is not None:
         cli.refuse_existing(output, overwrite=overwrite)
         cli.write_text(output, nominal_robot(arm).model_dump_json(indent=1, exclude_none=True))
@@ -125,13 +125,13 @@ def robots(
 
 def _arm_list_parts(catalogue: Catalogue) -> list[Part]:
     """Return a table of the arms with reach and preset of the joint map, and a line on how to use one."""
-    from jointstiff.service.tables.table import Column, Line, Table, number
+    from jointstiff.service.tables.table import Column, Line, Table, number_formatter
 
     names = {preset.id: preset.name for preset in catalogue.joint_maps}
     table = Table(
         [
             Column("arm", [arm.name for arm in catalogue.arms], text=True),
-            Column("reach", [arm.reach for arm in catalogue.arms], number("g", 1e3), "mm"),
+            Column("reach", [arm.reach for arm in catalogue.arms], number_formatter("g", 1e3), "mm"),
             Column(
                 "joint map", [names.get(arm.joint_map_preset or "", "—") for arm in catalogue.arms], text=True
             ),

@@ -368,10 +368,10 @@ class Client(Verbs):
 
     def apply(self, run: TabledRun, action: str) -> TabledRun:
         """Apply an action that a reason of a run advises; return the new run when it has ended."""
-        from jointstiff.service.runs.mending import advised
+        from jointstiff.service.runs.mending import find_advised_action
 
         with as_campaign_error(""):
-            chosen = advised(cast("Any", run.result).assessment, action)
+            chosen = find_advised_action(cast("Any", run.result).assessment, action)
         address = f"/v1/runs/{quote(run.id, safe='')}/apply"
         return self.runs.wait(self.runs.parse_answer(self.send("POST", address, _WAIT_QUERY, chosen)))
 

@@ -35,7 +35,7 @@ from jointstiff.service.resources.documents import (
     read_robot,
 )
 from jointstiff.service.resources.inputs import FromFile
-from jointstiff.service.tables.files import written
+from jointstiff.service.tables.files import write_sheet
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.errors import RequestError
 
@@ -209,7 +209,7 @@ class Here(Verbs):
             wanted = (query or {}).get("file")
             return next(unpacked(each) for each in cast("Any", job.result).files if each.name == wanted)
         file = next(file for file in kind.files if file.name == name)
-        return written(self.sheet(job, file), suffix)
+        return write_sheet(self.sheet(job, file), suffix)
 
     @one_thread()
     def sheet(self, job: Job, file: File) -> Sheet:
@@ -271,11 +271,13 @@ class Here(Verbs):
         Raises:
             CampaignError: no reason advises the action, or it cannot be applied to this campaign.
         """
-        from jointstiff.service.runs.mending import advised, mended
+        from jointstiff.service.runs.mending import find_advised_action, mend_campaign
 
         campaign: messages.Campaign = run.campaign.model_copy(update={"run": options_of(run)})
         with as_campaign_error(""):
-            campaign = mended(campaign, advised(cast("Any", run.result).assessment, action))
+            campaign = mend_campaign(
+                campaign, find_advised_action(cast("Any", run.result).assessment, action)
+            )
         return self.identify(campaign)
 
 

@@ -572,10 +572,10 @@ def measure(
         RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """
-    from jointstiff.schemas.fields import planned_load_of
+    from jointstiff.schemas.fields import parse_planned_load
 
     if isinstance(options.get("load"), str):
-        options["load"] = planned_load_of(options["load"])
+        options["load"] = parse_planned_load(options["load"])
     named = {_SHORT_NAMES.get(name, name): value for name, value in options.items()}
     measured, campaign = _robot_and_campaign(robot)
     with as_campaign_error(""):

@@ -23,10 +23,10 @@ from jointstiff.service.kinds import verb
 from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.rooms import kind_of
 from jointstiff.service.library.campaigns import Campaign
-from jointstiff.service.tables.files import frame_of, written, xlsx_bytes
+from jointstiff.service.tables.files import make_data_frame, write_sheet, xlsx_bytes
 from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS
 from jointstiff.service.tables.table import NO_NUMBER, Chart, Line, Part, Sheet, text_table
-from jointstiff.service.tables.terminal import printed
+from jointstiff.service.tables.terminal import lay_out_parts
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.text import figure
 
@@ -98,13 +98,13 @@ class Presented(ABC):
     def __str__(self) -> str:
         """Return the report of the terminal as text."""
         console = Console(file=StringIO(), width=_WIDTH, highlight=False)
-        console.print(printed(self._parts()))
+        console.print(lay_out_parts(self._parts()))
         return cast("StringIO", console.file).getvalue()
 
     def _repr_html_(self) -> str:
         """Return the report of the terminal as HTML, which notebooks display."""
         console = Console(record=True, file=StringIO(), width=_WIDTH)
-        console.print(printed(self._parts()))
+        console.print(lay_out_parts(self._parts()))
         return console.export_html(
             inline_styles=True, code_format='<pre style="line-height:1.2">{code}</pre>'
         )
@@ -130,7 +130,7 @@ class Presented(ABC):
             MissingExtraError: neither pandas nor polars is installed.
             ValueError: the result has no table of this name.
         """
-        return frame_of(self._sheet(name))
+        return make_data_frame(self._sheet(name))
 
     def plot(self) -> Figure:
         """Draw the result by matplotlib; notebooks display the figure, and `.savefig(path)` writes it.
@@ -162,7 +162,7 @@ class Presented(ABC):
         elif suffix == "json":
             target.write_text(self._message.model_dump_json(indent=1) + "\n", encoding="utf-8")
         elif suffix == "csv":
-            target.write_bytes(written(self._sheet(None), suffix))
+            target.write_bytes(write_sheet(self._sheet(None), suffix))
         elif suffix == "xlsx":
             target.write_bytes(xlsx_bytes({name: sheet() for name, sheet in self._sheets().items()}))
         else:
@@ -254,7 +254,7 @@ class PresentedJob(Presented):
             raise ValueError(f"a {kind.name} has tables of these endings: {endings}")
         if self._origin is not None and self._job.result is not None:
             return self._require_origin().file(self._job, file.name)
-        return written(self._make_sheet(file), suffix)
+        return write_sheet(self._make_sheet(file), suffix)
 
     def report(self, path: str | Path, laboratory: str | Path | None = None) -> None:
         """Write the report of the job to a file.
@@ -538,7 +538,7 @@ class RobotTrend(Presented, Trend):
             "upper [N.m/rad]": [high for _, high in limits],
         }
         sheet = Sheet(columns, frozenset(["joint", "campaign", "at"]))
-        return Sheet.of_joints(sheet, [joint.kind for joint, _, _ in pairs])
+        return Sheet.with_joint_kinds(sheet, [joint.kind for joint, _, _ in pairs])
 
     def _draw_figure(self) -> Figure:
         """Draw a chart of stiffness over campaigns for each joint."""
@@ -547,7 +547,7 @@ class RobotTrend(Presented, Trend):
         names = self._campaign_dates()
         charts = []
         for joint in self.joints:
-            unit = UNITS[DEFAULT_UNIT].of(joint.kind)
+            unit = UNITS[DEFAULT_UNIT].for_kind(joint.kind)
             series = {"stiffness": [point.stiffness for point in joint.points]}
             ends = {"stiffness": [point.interval for point in joint.points]}
             title = f"{joint.name}: changed" if joint.changed else joint.name

@@ -167,7 +167,7 @@ class OpenSets:
 
     def page(self, query: SetQuery) -> Page[MeasurementSetSummary]:
         """Return one page of the sets that are not closed; filters that they do not have are ignored."""
-        page = self._store.open_sets.page(**OpenSetQuery.of(query).listing())
+        page = self._store.open_sets.page(**OpenSetQuery.from_set_query(query).listing())
         return Page(items=[self.summary(each) for each in page.records], next=page.next, total=page.total)
 
     def summary(self, record: OpenSetRecord) -> MeasurementSetSummary:

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from jointstiff.schemas.run import JointResult, Run, RunResult
-from jointstiff.service.runs.verdicts import refuse_unaccepted, result_of
+from jointstiff.service.runs.verdicts import refuse_unaccepted, require_result
 from jointstiff.service.tables.files import csv_text, xlsx_bytes
 from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, with_overall_verdict
 from jointstiff.service.tables.stiffness import UNITS, lower_limit
@@ -45,7 +45,7 @@ class ExportedModel:
         Raises:
             RequestError: the run has no result.
         """
-        return cls(run, result_of(run), robot, name, geometry_id)
+        return cls(run, require_result(run), robot, name, geometry_id)
 
     @property
     def chain(self) -> KinematicChain:
@@ -145,9 +145,9 @@ def tabulate_joints(model: ExportedModel) -> Sheet:
     reasons = [joint.reason if stiffness_of(joint) else explain_missing_stiffness(joint) for joint in joints]
     limited = [each.model_copy(update={"stiffness_at_least": lower_limit(each)}) for each in joints]
     columns: dict[str, Any] = {
-        **Sheet.of_fields(joints, {"joint": "name", "status": "status", "verdict": "verdict"}).columns,
+        **Sheet.from_messages(joints, {"joint": "name", "status": "status", "verdict": "verdict"}).columns,
         "reason": reasons,
-        **Sheet.of_fields(limited, _JOINT).columns,
+        **Sheet.from_messages(limited, _JOINT).columns,
         "confidence of the intervals [1]": [run.request.confidence] * len(joints),
     }
     if budget is not None:
@@ -165,7 +165,7 @@ def tabulate_joints(model: ExportedModel) -> Sheet:
         columns["coverage factor [1]"] = [budget.coverage_factor] * len(joints)
     columns["run"] = [run.id] * len(joints)
     columns["input SHA-256"] = [run.provenance.input_hash] * len(joints)
-    sheet = Sheet.of_joints(Sheet(columns), [joint.kind for joint in joints])
+    sheet = Sheet.with_joint_kinds(Sheet(columns), [joint.kind for joint in joints])
     return with_overall_verdict(sheet, model.result.assessment)
 
 
@@ -189,7 +189,9 @@ def tabulate_kinematics(model: ExportedModel) -> Sheet:
                 "upper limit [rad]": upper,
             }
         )
-    return Sheet.of_joints(Sheet.of_rows(rows), [j.kind if j.kind != "fixed" else None for j in joints])
+    return Sheet.with_joint_kinds(
+        Sheet.from_rows(rows), [j.kind if j.kind != "fixed" else None for j in joints]
+    )
 
 
 def write_joints_csv(model: ExportedModel) -> bytes:
@@ -211,7 +213,7 @@ def write_workbook(model: ExportedModel) -> bytes:
         "joints": tabulate_joints(model),
         "kinematics": tabulate_kinematics(model),
         "provenance": Sheet({"remark": list(remarks), "value": list(remarks.values())}),
-        "warnings": Sheet.of_fields(findings, dict(zip(_FINDING, _FINDING, strict=True))),
+        "warnings": Sheet.from_messages(findings, dict(zip(_FINDING, _FINDING, strict=True))),
     }
     return xlsx_bytes({name: sheet for name, sheet in sheets.items() if sheet.columns})
 

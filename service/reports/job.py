@@ -27,9 +27,9 @@ from jointstiff.service.reports.document import (
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.tables.report import (
     View,
+    list_request_fields,
     problem_line,
     remedies,
-    requested,
     to_do_lines,
     verdict_lines,
     warning_lines,
@@ -37,7 +37,7 @@ from jointstiff.service.tables.report import (
 )
 from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS
 from jointstiff.service.tables.table import Chart, Line, Part, Sheet, Table, text_table
-from jointstiff.service.tables.terminal import printed
+from jointstiff.service.tables.terminal import lay_out_parts
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work
@@ -60,9 +60,12 @@ def job_report(
     """
     parts = job_parts(kind, job, View(details, UNITS[unit], applies))
     if details:
-        facts = [(label, text.replace("\n", "; ")) for label, text in requested(job.request, kinds_in(job))]
+        facts = [
+            (label, text.replace("\n", "; "))
+            for label, text in list_request_fields(job.request, kinds_in(job))
+        ]
         parts.append(text_table(["request", ""], facts, texts=[0, 1]))
-    return printed(parts)
+    return lay_out_parts(parts)
 
 
 def kinds_in(job: Job) -> dict[str, JointKind]:
@@ -130,7 +133,7 @@ def job_document(
                     *about,
                 ],
             ),
-            Section(REQUESTED, facts=requested(job.request, kinds_in(job))),
+            Section(REQUESTED, facts=list_request_fields(job.request, kinds_in(job))),
             Section(
                 RESULTS,
                 tables=[part for part in parts if isinstance(part, Table)],

@@ -37,9 +37,14 @@ from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.pictures import draw_arm, draw_deflections, draw_intervals
 from jointstiff.service.runs.deflection import predict_by_run
 from jointstiff.service.runs.verdicts import refuse_unaccepted
-from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, requested, support
+from jointstiff.service.tables.report import (
+    METHOD_NAMES,
+    VERDICTS,
+    describe_passed_checks,
+    list_request_fields,
+)
 from jointstiff.service.tables.stiffness import UNITS
-from jointstiff.service.tables.table import NO_NUMBER, rounded, text_table
+from jointstiff.service.tables.table import NO_NUMBER, format_rounded, text_table
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.measurements import ASSUMED_FORCE_SCALE, ASSUMED_LOAD_POINT
 from jointstiff.solver.text import figure, length_text
@@ -144,7 +149,7 @@ def run_document(subject: RunSubject) -> Document:
             *_build_prediction_section(subject),
             build_uncertainty_section(subject.model),
             build_method_section(subject.model, settings.laboratory),
-            Section(REQUESTED, facts=requested(run.request)),
+            Section(REQUESTED, facts=list_request_fields(run.request)),
             _build_adjustment_section(subject.model),
             _build_traceability_section(subject.readings, settings.laboratory),
             build_assessment_section(subject.model.result),
@@ -203,13 +208,15 @@ def build_results_section(model: ExportedModel, readings: MeasurementSetDocument
         value, spread, interval = _UNIT.cells(joint)
         wide = NO_NUMBER
         if u is not None:
-            spread, wide = (rounded(_UNIT.factor * size, _UNIT.factor * size) for size in (u[0] / u[1], u[0]))
+            spread, wide = (
+                format_rounded(_UNIT.factor * size, _UNIT.factor * size) for size in (u[0] / u[1], u[0])
+            )
         identified = joint.status == "identified"
         verdict = VERDICTS[joint.verdict] if identified else joint.status.replace("_", " ")
         rows.append([joint.name, value, spread, wide, interval, verdict])
     sigma = NO_NUMBER
     if result.sigma is not None:
-        sigma = f"{rounded(1e6 * result.sigma)} µm ({result.goodness.sigma_source})"
+        sigma = f"{format_rounded(1e6 * result.sigma)} µm ({result.goodness.sigma_source})"
     posture = (joint_factors(model.robot, readings.units) * readings.observations[0].joints).tolist()
     pictures = [
         draw_intervals(result.joints, model.run.request.confidence),
@@ -287,8 +294,11 @@ def _build_prediction_section(subject: RunSubject) -> Iterator[Section]:
         rows.append(
             [
                 case.label,
-                *(NO_NUMBER if each is None else rounded(per_newton * each, u, ".3g") for each in moved),
-                NO_NUMBER if u is None else rounded(u, u),
+                *(
+                    NO_NUMBER if each is None else format_rounded(per_newton * each, u, ".3g")
+                    for each in moved
+                ),
+                NO_NUMBER if u is None else format_rounded(u, u),
             ]
         )
     if rows:
@@ -350,7 +360,7 @@ def build_uncertainty_section(model: ExportedModel) -> Section:
         """Return a row of the table: uncertainties as percentages of the compliances."""
         pairs = zip(budget.joints, values, strict=True)
         shares = [100.0 * u / sizes[name] if sizes[name] else None for name, u in pairs]
-        return [source, kind, *(NO_NUMBER if each is None else rounded(each, each) for each in shares)]
+        return [source, kind, *(NO_NUMBER if each is None else format_rounded(each, each) for each in shares)]
 
     factor = _coverage_factor(budget)
     combined = [each / budget.coverage_factor for each in budget.expanded_with_model_error]
@@ -457,8 +467,8 @@ def _build_adjustment_section(model: ExportedModel) -> Section:
         before = 1e3 * fmean(float(np.linalg.norm(each.deflection)) for each in residuals)
         after = 1e3 * fmean(float(np.linalg.norm(each.residual)) for each in residuals)
         facts = [
-            ("Mean deflection, before: as measured", f"{rounded(before)} mm"),
-            ("Mean deflection, after compensation by the model, computed", f"{rounded(after)} mm"),
+            ("Mean deflection, before: as measured", f"{format_rounded(before)} mm"),
+            ("Mean deflection, after compensation by the model, computed", f"{format_rounded(after)} mm"),
             ("Share that the model compensates", format_percent(model.result.compensation)),
         ]
     return Section(
@@ -475,7 +485,7 @@ def _build_traceability_section(readings: MeasurementSetDocument, laboratory: La
     """Return the section with conditions, instrument, traceability, loads and targets."""
     newtons, millimetres = FORCE[readings.units.force], 1e3 * LENGTH[readings.units.length]
     sizes = [newtons * float(np.linalg.norm(each.force)) for each in readings.observations]
-    force = " N to ".join(dict.fromkeys((rounded(min(sizes)), rounded(max(sizes)))))
+    force = " N to ".join(dict.fromkeys((format_rounded(min(sizes)), format_rounded(max(sizes)))))
     moments = any(each.moment is not None and any(each.moment) for each in readings.observations)
     point = "stated with each observation"
     if readings.load_point and all(each.load_point is None for each in readings.observations):
@@ -514,7 +524,8 @@ def _stated_noise(readings: MeasurementSetDocument) -> Iterator[str]:
     if noise is not None:
         if noise.sigma is not None:
             refuted = "Stated and refuted: " if noise.refuted else ""
-            yield f"{refuted}σ = {rounded(1e6 * length * noise.sigma)} µm of a coordinate of a reading."
+            sigma = format_rounded(1e6 * length * noise.sigma)
+            yield f"{refuted}σ = {sigma} µm of a coordinate of a reading."
         if noise.instrument is not None and not noise.refuted:
             yield "from the data sheet of the instrument."
         yield from _shared_uncertainties(noise, 1e3 * length)
@@ -537,14 +548,14 @@ def _shared_uncertainties(noise: Noise, millimetres: float) -> Iterator[str]:
     """
     if noise.force is not None:
         size = "" if noise.force.scale is None else f"relative {noise.force.scale:g}, "
-        yield f"Force: {size}direction {rounded(1e3 * noise.force.direction)} mrad."
+        yield f"Force: {size}direction {format_rounded(1e3 * noise.force.direction)} mrad."
     for name, value in (("Load point", noise.load_point), ("Places of the targets", noise.target_places)):
         if value is not None:
-            yield f"{name}: {rounded(millimetres * value)} mm a coordinate."
+            yield f"{name}: {format_rounded(millimetres * value)} mm a coordinate."
     if noise.axes is not None:
         yield (
-            f"Axes of the robot's model: {rounded(millimetres * noise.axes.position)} mm across, "
-            f"{rounded(1e3 * noise.axes.direction)} mrad."
+            f"Axes of the robot's model: {format_rounded(millimetres * noise.axes.position)} mm across, "
+            f"{format_rounded(1e3 * noise.axes.direction)} mrad."
         )
 
 
@@ -560,7 +571,7 @@ def build_assessment_section(result: RunResult) -> Section:
         ASSESSMENT,
         facts=facts,
         notes=[
-            *(lines[:_MOST_WARNINGS] or [f"{support(result.assessment).capitalize()}."]),
+            *(lines[:_MOST_WARNINGS] or [f"{describe_passed_checks(result.assessment).capitalize()}."]),
             *([f"And {more} more, in run.json."] if more > 0 else []),
             *result.assessment.notes,
         ],

@@ -18,7 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from jointstiff.schemas.fields import validated
+from jointstiff.schemas.fields import validate_list
 from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.schemas.plan import MAX_READINGS, DeflectionGoal, JointsGoal, PlanCriterion
 from jointstiff.schemas.run import Advice
@@ -749,7 +749,7 @@ def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tupl
         if len(useful) == 2 and useful[0][0] <= LITTLE_MORE * useful[1][0]:
             useful = useful[:1]
         advice += [piece for _, piece in sorted(useful, key=itemgetter(0))]
-    return tuple(validated(Advice, advice))
+    return tuple(validate_list(Advice, advice))
 
 
 def draw_new_postures(robot: Robot, measurements: Measurements, count: int) -> FloatArray:

@@ -23,7 +23,7 @@ import numpy as np
 from scipy import special
 
 from jointstiff.schemas import geometry as results
-from jointstiff.schemas.finding import Assessment, Finding, FindingCode, Verdict, combined
+from jointstiff.schemas.finding import Assessment, Finding, FindingCode, Verdict, combine_assessments
 from jointstiff.schemas.geometry import LinkComparison, SweepEvidence
 from jointstiff.schemas.robot import JointMap as StoredJointMap
 from jointstiff.schemas.robot import RobotDocument, UrdfModel
@@ -591,7 +591,7 @@ def _assemble_result(
     by_residuals = readings.sigma is None or (calibrated and calibrated.exceeded_sigma is not None)
     return results.GeometryResult(
         joint_kinds={},
-        assessment=combined([Assessment(verdict=each.weight, reasons=[each]) for each in reasons]),
+        assessment=combine_assessments([Assessment(verdict=each.weight, reasons=[each]) for each in reasons]),
         axes=_place_axes(base, model.chain.joint_names),
         sweeps=[],
         fit=None,

@@ -35,9 +35,9 @@ from jointstiff.service.tables.table import (
     Sheet,
     Table,
     as_line,
-    number,
-    percent,
-    rounded,
+    format_percent,
+    format_rounded,
+    number_formatter,
 )
 
 if TYPE_CHECKING:
@@ -80,8 +80,8 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
         Table(
             [
                 Column("joint", [joint.name for joint in joints], text=True),
-                Column("first", first.joints, unit.concise),
-                Column("second", second.joints, unit.concise),
+                Column("first", first.joints, unit.format_concise),
+                Column("second", second.joints, unit.format_concise),
                 Column("ratio", joints, lambda joint: _by_interval(joint.ratio, joint)),
                 Column(f"{100 * result.confidence:g} % interval", joints, _interval),
                 Column(
@@ -102,7 +102,7 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
         if avoided.measured is not None:
             shown = _percent(avoided.measured)
             measured = f"measured {shown} in {avoided.matching} observations on both sides"
-        predicted = percent(avoided.predicted)
+        predicted = format_percent(avoided.predicted)
         parts.append(
             Line(f"  deflection avoided by the second side: {measured}; predicted {predicted} in all")
         )
@@ -112,7 +112,7 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
 def _by_interval(ratio: float | None, joint: JointRatio) -> str:
     """Format a ratio of stiffnesses, rounded to two digits of the half width of its interval."""
     low, high = joint.ratio_interval or (None, None)
-    return rounded(ratio, None if low is None or high is None else max(high - low, 0.0) / 2, ".3g")
+    return format_rounded(ratio, None if low is None or high is None else max(high - low, 0.0) / 2, ".3g")
 
 
 def _interval(joint: JointRatio) -> str:
@@ -130,16 +130,18 @@ def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:
     joints = ordered.joints
 
     def format_interval(ends: tuple[float, float] | None, kind: JointKind) -> str:
-        return unit.of(kind).bare_interval(ends)
+        return unit.for_kind(kind).format_compliance_interval(ends)
 
     return Table(
         [
             Column("joint", [joint.name for joint in joints], text=True),
-            Column("first", joints, lambda joint: unit.bare(joint.compliance_first, joint.kind)),
+            Column("first", joints, lambda joint: unit.format_compliance(joint.compliance_first, joint.kind)),
             Column(
                 "interval", joints, lambda joint: format_interval(joint.compliance_interval_first, joint.kind)
             ),
-            Column("second", joints, lambda joint: unit.bare(joint.compliance_second, joint.kind)),
+            Column(
+                "second", joints, lambda joint: unit.format_compliance(joint.compliance_second, joint.kind)
+            ),
             Column(
                 "interval",
                 joints,
@@ -156,14 +158,16 @@ def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:
 def _percent(share: Estimate) -> str:
     """Format a share in %, with its standard uncertainty if it has one."""
     if not share.standard_uncertainty:
-        return percent(share.value)
+        return format_percent(share.value)
     return f"({100 * share.value:.2f} ± {100 * share.standard_uncertainty:.2f}) %"
 
 
 def _list_method_parts(entries: Sequence[ComparedRun], view: View) -> list[Part]:
     """Return tables of the joints in columns by method with a legend, and a table of the fits as a whole."""
     unit, drawn = view.unit, next((entry.draws for entry in entries if entry.draws), None)
-    cell: Cell = partial(_drawn_cell, unit) if drawn else lambda entry, j: unit.concise(entry.joints[j])
+    cell: Cell = (
+        partial(_drawn_cell, unit) if drawn else lambda entry, j: unit.format_concise(entry.joints[j])
+    )
     alike = not view.details and drawn is None and _constraints_change_nothing(entries, cell)
     shown = [entry for entry in entries if not entry.positive] if alike else entries
     title = f"{unit.quantity.capitalize()} in {unit.label_of(entries[0].joints)}"
@@ -268,10 +272,10 @@ def _drawn_cell(unit: StiffnessUnit, entry: ComparedRun, j: int) -> Line:
     mean, deviation = (None, None) if drawn is None else mean_and_deviation(drawn, unit)
     if mean is None:
         return Line("rigid" if drawn and drawn.share_infinite else "—", "dim")
-    text = rounded(mean, deviation, ".2g")
+    text = format_rounded(mean, deviation, ".2g")
     if deviation is not None:
-        text += f" & {rounded(deviation, deviation)}"
-    if drawn is not None and (own := unit.of(drawn.kind)) is not unit:
+        text += f" & {format_rounded(deviation, deviation)}"
+    if drawn is not None and (own := unit.for_kind(drawn.kind)) is not unit:
         text += f" {own.label}"
     return Line(text, "bad" if mean < 0 else "")
 
@@ -299,9 +303,9 @@ def _fits_table(entries: Sequence[ComparedRun]) -> Table:
     ]
     columns = [
         Column("fit", names, text=True, widest=_LONGEST_NAME),
-        Column("explained", [percent(entry.compensation) for entry in entries]),
-        Column("rms", [entry.rms_residual for entry in entries], number(".0f", 1e6), "µm"),
-        Column("condition", [entry.condition_number for entry in entries], number(".3g")),
+        Column("explained", [format_percent(entry.compensation) for entry in entries]),
+        Column("rms", [entry.rms_residual for entry in entries], number_formatter(".0f", 1e6), "µm"),
+        Column("condition", [entry.condition_number for entry in entries], number_formatter(".3g")),
     ]
     if any(entry.resampling for entry in entries):
         cells = [_resampled_cells(entry.resampling) for entry in entries]
@@ -316,7 +320,9 @@ def _resampled_cells(resampling: ResamplingResult | None) -> tuple[str, str]:
         return "", ""
     deviation = resampling.compensation_deviation
     spread = "" if deviation is None else f" & {100 * deviation:.2g}"
-    return percent(resampling.compensation_mean) + spread, percent(resampling.share_any_negative)
+    return format_percent(resampling.compensation_mean) + spread, format_percent(
+        resampling.share_any_negative
+    )
 
 
 def _legend(entries: Sequence[ComparedRun], *, alike: bool, drawn: bool) -> str:
@@ -460,19 +466,19 @@ def entries_sheet(job: Comparison) -> Sheet:
         pairs = [*zip(entry.joints, drawn, strict=True)] or [(None, None)]
         rows += [fit.model_copy(update={"joint": joint, "drawn": own}) for joint, own in pairs]
     kinds = [None if row.joint is None else row.joint.kind for row in rows]
-    return Sheet.of_joints(Sheet.of_fields(rows, _COLUMNS), kinds)
+    return Sheet.with_joint_kinds(Sheet.from_messages(rows, _COLUMNS), kinds)
 
 
 def ratios_sheet(job: Comparison) -> Sheet:
     """Return the file `ratios.csv`: a row for each joint with its ratio; empty if one set is compared."""
-    return Sheet.of_fields(job.result.joints if job.result else [], _RATIOS)
+    return Sheet.from_messages(job.result.joints if job.result else [], _RATIOS)
 
 
 def configurations_sheet(job: Comparison) -> Sheet:
     """Return the file `configurations.csv`: measured and residual deflection by configuration and run."""
     result = job.result
     sides = {side.side: side for side in (result.sides if result else ())}
-    return Sheet.of_rows(
+    return Sheet.from_rows(
         {
             "side": entry.side,
             "method": entry.method,

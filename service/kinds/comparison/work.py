@@ -18,13 +18,13 @@ from jointstiff.schemas.comparison import (
     ComparisonResult,
 )
 from jointstiff.schemas.comparison import Side as SideName
-from jointstiff.schemas.finding import Assessment, Finding, combined
+from jointstiff.schemas.finding import Assessment, Finding, combine_assessments
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs, MeasuredRun
-from jointstiff.service.runs.verdicts import judged, own_reason
+from jointstiff.service.runs.verdicts import assess_with_run, make_reason
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.comparison.campaigns import FreeEstimate, Side, compare_sides, models_differ
 from jointstiff.solver.errors import RequestError
@@ -109,7 +109,7 @@ def compare_runs(inputs: Inputs, request: ComparisonRequest, runs: Sequence[Meas
     for finding in (finding for each in runs for finding in _warnings(each.run)):
         warnings.setdefault((finding.code, finding.where), finding)
     result = ComparisonResult(
-        assessment=combined(verdicts or [Assessment(verdict="do_not_use", reasons=[_NO_FIT])]),
+        assessment=combine_assessments(verdicts or [Assessment(verdict="do_not_use", reasons=[_NO_FIT])]),
         confidence=request.confidence or runs[0].run.request.confidence,
         sides=sides,
         entries=[_make_entry(each.run, side_of_set[each.run.request.measurement_set_id]) for each in runs],
@@ -119,7 +119,7 @@ def compare_runs(inputs: Inputs, request: ComparisonRequest, runs: Sequence[Meas
         warnings=list(warnings.values()),
     )
     if len(by_side) == 1:
-        return result.model_copy(update={"assessment": judged("comparison", [], result.assessment)})
+        return result.model_copy(update={"assessment": assess_with_run("comparison", [], result.assessment)})
     return _add_ratios(inputs, request, by_side, leading, result)
 
 
@@ -214,10 +214,10 @@ def _add_ratios(
     if no_ratio:
         message = f"the ratio of stiffnesses is unknown for {', '.join(no_ratio)}"
         remedy = "measure with loads that twist these joints on both sides"
-        own.append(own_reason("numbers_missing", "use_with_care", message, remedy))
+        own.append(make_reason("numbers_missing", "use_with_care", message, remedy))
     return result.model_copy(
         update={
-            "assessment": judged("comparison", own, combined(assessments)),
+            "assessment": assess_with_run("comparison", own, combine_assessments(assessments)),
             "joints": pair.joints,
             "avoided": pair.avoided,
             "ordered": pair.ordered,

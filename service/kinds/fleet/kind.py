@@ -92,7 +92,7 @@ def _stiffness_cell(row: FleetRow, joint: str, unit: StiffnessUnit) -> str:
     stiffness = row.stiffness.get(joint)
     if not stiffness:
         return NO_NUMBER
-    return unit.bare(1.0 / stiffness, row.joint_kinds.get(joint, "revolute"))
+    return unit.format_compliance(1.0 / stiffness, row.joint_kinds.get(joint, "revolute"))
 
 
 class _SheetRow(Message):
@@ -130,7 +130,7 @@ def sets_sheet(job: Fleet) -> Sheet:
         ]
         rows += [row.model_copy(update=of_joint) for of_joint in numbers or [{}]]
         kinds += [each.joint_kinds.get(name, "revolute") for name in each.stiffness] or [None]
-    return Sheet.of_joints(Sheet.of_fields(rows, _COLUMNS), kinds)
+    return Sheet.with_joint_kinds(Sheet.from_messages(rows, _COLUMNS), kinds)
 
 
 def _compute(inputs: Inputs, request: FleetRequest) -> Work:

@@ -25,9 +25,9 @@ from jointstiff.service.tables.table import (
     Part,
     Sheet,
     Table,
-    concise,
-    number,
-    numbers,
+    format_concise,
+    number_formatter,
+    vector_formatter,
 )
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.text import figure, length_text
@@ -87,12 +87,15 @@ def _evidence(result: GeometryResult) -> list[Part]:
 
 def _axes_table(result: GeometryResult) -> Table:
     """Return a table of the joint axes: a point, the direction, and their uncertainties."""
-    axes, micro = result.axes, number(".3g", _MICRO)
+    axes, micro = result.axes, number_formatter(".3g", _MICRO)
     points = [axis.point for axis in axes]
     return Table(
         [
             Column("axis", [axis.name for axis in axes], text=True),
-            *(Column(x, [point[i] for point in points], number(".3f", _MILLI)) for i, x in enumerate("xyz")),
+            *(
+                Column(x, [point[i] for point in points], number_formatter(".3f", _MILLI))
+                for i, x in enumerate("xyz")
+            ),
             Column("direction", [axis.direction for axis in axes], _direction_text),
             Column("u", [axis.position_uncertainty for axis in axes], micro, "µm"),
             Column("u", [axis.direction_uncertainty for axis in axes], micro, "µrad"),
@@ -110,14 +113,14 @@ def _direction_text(direction: Sequence[float]) -> str:
 
 def _sweeps_table(sweeps: Sequence[SweepEvidence]) -> Table:
     """Return a table of the sweeps of single joints: arc, number of positions, scale and residuals."""
-    micro = numbers(".3g", _MICRO, " ")
+    micro = vector_formatter(".3g", _MICRO, " ")
     return Table(
         [
             Column("joint", [sweep.joint for sweep in sweeps], text=True),
             Column("arc", [sweep.arc for sweep in sweeps], lambda arc: f"{degrees(arc):.1f}°"),
             Column("positions", [sweep.positions for sweep in sweeps]),
-            Column("scale", [sweep.angle_scale for sweep in sweeps], number(".5f")),
-            Column("χ²/dof", [sweep.variance_factor for sweep in sweeps], number(".2f")),
+            Column("scale", [sweep.angle_scale for sweep in sweeps], number_formatter(".5f")),
+            Column("χ²/dof", [sweep.variance_factor for sweep in sweeps], number_formatter(".2f")),
             Column("radial", [list(sweep.radial_rms.values()) for sweep in sweeps], micro),
             Column("axial", [list(sweep.axial_rms.values()) for sweep in sweeps], micro),
         ],
@@ -129,14 +132,14 @@ def _sweeps_table(sweeps: Sequence[SweepEvidence]) -> Table:
 
 def _tracker_frame_table(result: GeometryResult) -> Table:
     """Return a table of the transform from the tracker's frame to R0, with its standard uncertainties."""
-    transform, micro = result.transform_tracker_to_base, number(".3g", _MICRO)
+    transform, micro = result.transform_tracker_to_base, number_formatter(".3g", _MICRO)
     covariance = result.transform_covariance
     spread = [None] * 6 if covariance is None else [sqrt(covariance[i][i]) for i in range(6)]
     return Table(
         [
             Column("", list("xyz"), text=True),
-            Column("R", transform.rotation, numbers("+.7f", 1.0, " ")),
-            Column("t", transform.translation, number(".3f", _MILLI)),
+            Column("R", transform.rotation, vector_formatter("+.7f", 1.0, " ")),
+            Column("t", transform.translation, number_formatter(".3f", _MILLI)),
             Column("u shift", spread[:3], micro),
             Column("u turn", spread[3:], micro),
         ],
@@ -162,7 +165,7 @@ def _targets_table(result: GeometryResult) -> Table:
 def _place_in_mm(position: Sequence[float], covariance: Sequence[Sequence[float]] | None) -> list[str]:
     """Format three coordinates [m] in mm, each with the standard uncertainty of its last digits."""
     spread = [None if covariance is None else _MILLI * sqrt(covariance[i][i]) for i in range(3)]
-    return [concise(_MILLI * part, u, ".4f") for part, u in zip(position, spread, strict=True)]
+    return [format_concise(_MILLI * part, u, ".4f") for part, u in zip(position, spread, strict=True)]
 
 
 def _wrist_parts(wrist: WristResult) -> list[Part]:
@@ -224,7 +227,7 @@ def _identified_text(link: LinkComparison) -> str:
 def _difference_text(link: LinkComparison) -> str:
     """Format the difference of identified and nominal size in mm or mrad, with its uncertainty."""
     u = link.standard_uncertainty
-    return NO_NUMBER if u is None else concise(_MILLI * link.difference, u and _MILLI * u, ".4f")
+    return NO_NUMBER if u is None else format_concise(_MILLI * link.difference, u and _MILLI * u, ".4f")
 
 
 def _drift_line(drift: Drift) -> Line:
@@ -278,7 +281,7 @@ def charts(result: GeometryResult) -> list[Chart]:
 
 def axes_sheet(geometry: Geometry) -> Sheet:
     """Return the file `axes.csv`: a row for each axis; empty without result."""
-    return Sheet.of_fields(geometry.result.axes if geometry.result else [], _AXES)
+    return Sheet.from_messages(geometry.result.axes if geometry.result else [], _AXES)
 
 
 _AXES: Final = {

@@ -24,9 +24,9 @@ from jointstiff.service.tables.table import (
     Line,
     Part,
     Table,
-    ends,
-    number,
-    numbers,
+    interval_formatter,
+    number_formatter,
+    vector_formatter,
 )
 from jointstiff.solver.text import figure, posture_text
 
@@ -103,17 +103,19 @@ def _extremes_table(
     places: tuple[MapPlace, MapPlace], confidence: float, kinds: Sequence[JointKind]
 ) -> Table:
     """Return a table of the worst and the stiffest place: posture, deflection, intervals, compliance."""
-    micro, joints = number(".3g", 1e6), [each.joints for each in places]
-    posture = Column("controller's angles", [[*map(degrees, each)] for each in joints], numbers(".1f"), "°")
+    micro, joints = number_formatter(".3g", 1e6), [each.joints for each in places]
+    posture = Column(
+        "controller's angles", [[*map(degrees, each)] for each in joints], vector_formatter(".1f"), "°"
+    )
     if kinds:
         posture = Column("controller's joints", [posture_text(each, kinds, 1) for each in joints], text=True)
-    interval = ends(".3g", 1e6)
+    interval = interval_formatter(".3g", 1e6)
     return Table(
         [
             Column("", ["worst place", "stiffest place"], text=True),
-            Column("place", [each.position for each in places], numbers(".0f", 1e3), "mm"),
+            Column("place", [each.position for each in places], vector_formatter(".0f", 1e3), "mm"),
             posture,
-            Column("deflection", [each.deflection for each in places], number(".4g", 1e6), "µm"),
+            Column("deflection", [each.deflection for each in places], number_formatter(".4g", 1e6), "µm"),
             Column("readings only", [each.readings_only for each in places], interval, "µm"),
             Column("with model error", [each.with_model_error for each in places], interval, "µm"),
             Column("compliance along", [each.compliance_along for each in places], micro, "µm/N"),

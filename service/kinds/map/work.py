@@ -17,12 +17,12 @@ from jointstiff.service.kinds.work import Arrays, Span, Work, cut_into_spans, jo
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import (
     RunModel,
-    accepted_run,
-    judged,
-    of_campaign,
-    of_deflection,
-    of_missing,
-    of_points,
+    assess_with_run,
+    find_accepted_run,
+    find_beyond_campaign,
+    find_far_points,
+    find_implausible_deflection,
+    find_missing_numbers,
 )
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.arrays import FloatArray
@@ -62,7 +62,7 @@ class MapWork(Work):
         self.robot, self.request = robot, request
         options = request.model_dump_json(exclude={"run_id", "name"})
         self.input_hash = hash_of(run.provenance.input_hash, options)
-        self._used = RunModel.of(robot, run, absolute=request.absolute)
+        self._used = RunModel.from_run(robot, run, absolute=request.absolute)
         self._task, self.places = make_map_task(request, robot), make_grid(request)
         try:
             self._inverse = InverseKinematics(robot, self._task.near)
@@ -93,7 +93,7 @@ class MapWork(Work):
         tool = self._task.rotation @ _unit_vector(self.request.tool_axis, "tool_axis")
         numbers = map_numbers(table, self.places, tool)
         return MapResult(
-            assessment=judged("map", self._reasons(numbers), used.result.assessment),
+            assessment=assess_with_run("map", self._reasons(numbers), used.result.assessment),
             joint_kinds=kinds_of(self.robot),
             model_error_postures=used.postures,
             remarks=used.remarks(self.request.confidence),
@@ -104,10 +104,12 @@ class MapWork(Work):
         """Return the reasons against use of the map, in addition to the reasons against its run."""
         counts, places, worst = numbers["counts"], numbers["places"], numbers["worst"]
         return [
-            *of_deflection(None if worst is None else worst.deflection, self._used.result),
-            *of_missing(places - counts["reached"], places, "places", unseen=counts["unseen_joint"] > 0),
-            *of_points([self.request.place, self.request.load_point]),
-            *of_campaign(numbers["extrapolated"], places, "places"),
+            *find_implausible_deflection(None if worst is None else worst.deflection, self._used.result),
+            *find_missing_numbers(
+                places - counts["reached"], places, "places", unseen=counts["unseen_joint"] > 0
+            ),
+            *find_far_points([self.request.place, self.request.load_point]),
+            *find_beyond_campaign(numbers["extrapolated"], places, "places"),
         ]
 
     @cached_property
@@ -154,7 +156,7 @@ def prepare_map(inputs: Inputs, request: MapRequest) -> MapWork:
     Raises:
         RequestError: the run does not exist, has no model for predictions, or does not fit the request.
     """
-    run = accepted_run(inputs, request.run_id, request.accept_verdict)
+    run = find_accepted_run(inputs, request.run_id, request.accept_verdict)
     return MapWork(run.prepared.robot, run.prepared.robot_id, run.run, request)
 
 

@@ -19,7 +19,7 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.kinds.kind import READINGS_BYTES, File, Kind
 from jointstiff.service.tables.report import Report, View
-from jointstiff.service.tables.table import Chart, Column, Line, Sheet, Table, number
+from jointstiff.service.tables.table import Chart, Column, Line, Sheet, Table, number_formatter
 from jointstiff.solver.text import figure, length_text
 
 if TYPE_CHECKING:
@@ -117,9 +117,9 @@ def _readings(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
     gauged = any(each.direction is not None for each in readings)
     prismatic, blocks = _prismatic_joints(result), max((each.block for each in readings), default=1)
     angles = [
-        Column(name, [1e3 * each.joints[j] for each in readings], number(".1f"), "mm")
+        Column(name, [1e3 * each.joints[j] for each in readings], number_formatter(".1f"), "mm")
         if j in prismatic
-        else Column(name, [degrees(each.joints[j]) for each in readings], number(".1f"), "°")
+        else Column(name, [degrees(each.joints[j]) for each in readings], number_formatter(".1f"), "°")
         for j, name in enumerate(_joint_names(result))
     ]
     ticks = [Column(name, ["[   ]"] * len(readings), text=True) for name in ("unloaded", "loaded")]
@@ -128,7 +128,7 @@ def _readings(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
             Column("reading", [each.label for each in readings], text=True),
             *([Column("block", [str(each.block) for each in readings], text=True)] if blocks > 1 else []),
             *angles,
-            Column("force", [hypot(*each.force) for each in readings], number(".0f"), "N"),
+            Column("force", [hypot(*each.force) for each in readings], number_formatter(".0f"), "N"),
             Column("direction", [_force_direction(job, each) for each in readings], text=True),
             *(
                 [Column("read along", [_gauge_direction(each) for each in readings], text=True)]
@@ -208,7 +208,7 @@ def readings_sheet(plan: Plan) -> Sheet:
         for state in states
         for axis in (sorted(gauge_axes) if gauged else "xyz")
     ]
-    return Sheet.of_rows(
+    return Sheet.from_rows(
         {
             "label": each.label,
             **{

@@ -20,7 +20,7 @@ from jointstiff.service.conversion.robots import kinds_of, refuse_far_point, ref
 from jointstiff.service.conversion.units import to_instrument
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs
-from jointstiff.service.runs.verdicts import judged, own_reason, refuse_unaccepted
+from jointstiff.service.runs.verdicts import assess_with_run, make_reason, refuse_unaccepted
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest
 from jointstiff.solver.design.plan import CampaignPlan, plan_campaign
@@ -153,7 +153,7 @@ def _compute_plan(planned: Planned, request: plans.PlanRequest) -> PlanResult:
     )
     names, _ = named_targets(request, robot, so_far)
     found = to_plan_result(wanted, plan_campaign(robot, wanted), robot, names, assessment)
-    return found.model_copy(update={"assessment": judged("plan", _list_reasons(found), assessment)})
+    return found.model_copy(update={"assessment": assess_with_run("plan", _list_reasons(found), assessment)})
 
 
 def _list_reasons(result: PlanResult) -> list[Finding]:
@@ -165,12 +165,12 @@ def _list_reasons(result: PlanResult) -> list[Finding]:
             "choose loads that twist these joints, such as forces in any direction, or name the joints you "
             "need in `joints`"
         )
-        reasons.append(own_reason("joint_left_out", "use_with_care", message, remedy))
+        reasons.append(make_reason("joint_left_out", "use_with_care", message, remedy))
     poor = [each.name for each in result.joints if (each.relative or 0.0) > _POOR]
     if poor:
         message = f"after this plan {', '.join(poor)} would still be uncertain by over {100 * _POOR:.0f} %"
         remedy = "plan more readings, a larger load, or targets farther from the flange"
-        reasons.append(own_reason("joint_stays_uncertain", "use_with_care", message, remedy))
+        reasons.append(make_reason("joint_stays_uncertain", "use_with_care", message, remedy))
     return reasons
 
 

@@ -13,7 +13,15 @@ from jointstiff.schemas.program import (
 )
 from jointstiff.service.kinds.kind import File, Kind
 from jointstiff.service.tables.report import Report, View
-from jointstiff.service.tables.table import Chart, Column, Line, Part, Table, ends, number
+from jointstiff.service.tables.table import (
+    Chart,
+    Column,
+    Line,
+    Part,
+    Table,
+    interval_formatter,
+    number_formatter,
+)
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work
@@ -87,7 +95,7 @@ def _distances_table(result: ProgramResult) -> Table:
         "  of that, rounding": result.rounding,
         "displacement of targets": result.correction,
     }
-    shown = number(".4f", 1e3)
+    shown = number_formatter(".4f", 1e3)
     return Table(
         [
             Column("quantity", list(rows), text=True),
@@ -101,13 +109,13 @@ def _distances_table(result: ProgramResult) -> Table:
 
 def _worst_table(result: ProgramResult) -> Table:
     """Return a table of the points with the greatest deflections."""
-    points, interval = result.worst[:_SHOWN], ends(".3f", 1e3, " … ")
+    points, interval = result.worst[:_SHOWN], interval_formatter(".3f", 1e3, " … ")
     return Table(
         [
             Column("point", [point.number for point in points]),
             Column("name", [point.name for point in points], text=True),
             Column("line", [point.line for point in points]),
-            Column("deflection", [point.deflection for point in points], number(".3f", 1e3), "mm"),
+            Column("deflection", [point.deflection for point in points], number_formatter(".3f", 1e3), "mm"),
             Column(
                 f"{100 * result.confidence:g} %, readings only",
                 [point.interval for point in points],

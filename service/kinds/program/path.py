@@ -19,9 +19,9 @@ from jointstiff.service.programs.errors import Fault, ProgramError, shown
 from jointstiff.service.programs.formats import frame_notation
 from jointstiff.service.programs.notation import Edit, Notation, Orientation
 from jointstiff.service.programs.program import BLOCK, NUMBERS, FrameName, Program
-from jointstiff.service.runs.deflection import vector_column
+from jointstiff.service.runs.deflection import parse_vector_header
 from jointstiff.service.runs.verdicts import moment_factor
-from jointstiff.service.tables.files import rows_of
+from jointstiff.service.tables.files import split_table_rows
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.cases import LoadCases
@@ -304,7 +304,7 @@ def _read_load_table(content: bytes, points: IndexArray) -> Loads:
     ):
         raise _table_fault(1, "the table has more lines or cells than the program has points", once)
     try:
-        rows, _ = rows_of(text)
+        rows, _ = split_table_rows(text)
     except csv.Error:
         raise _table_fault(1, "this is not a table", _REMEDY) from None
     columns = _load_columns(rows[0] if rows else [])
@@ -343,7 +343,7 @@ def _load_columns(header: Sequence[str]) -> list[tuple[int, float]]:
     columns = []
     for cell in header[1:]:
         try:
-            column = vector_column(cell, ("force", "moment"))
+            column = parse_vector_header(cell, ("force", "moment"))
         except RequestError:
             column = None
         if column is None:

@@ -39,12 +39,12 @@ from jointstiff.service.programs.program import BLOCK, NUMBERS, ExternalAxes, Re
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import (
     RunModel,
-    accepted_run,
-    judged,
-    of_campaign,
-    of_deflection,
-    of_points,
-    own_reason,
+    assess_with_run,
+    find_accepted_run,
+    find_beyond_campaign,
+    find_far_points,
+    find_implausible_deflection,
+    make_reason,
 )
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver import messages
@@ -359,7 +359,7 @@ class ProgramWork(Work):
         self.input_hash = hash_of(run.provenance.input_hash, options, *contents)
         with as_request_errors():
             length = LENGTH[request.units.length]
-            self._used = RunModel.of(
+            self._used = RunModel.from_run(
                 robot, run, absolute=request.absolute, masses=request.masses, length=length
             )
         files = [(each.name, unpacked(each)) for each in request.files if each.name != request.loads]
@@ -467,31 +467,31 @@ class ProgramWork(Work):
         )
         near, run = int((turn > _TURNED).sum()), self._used.result
         reasons = [
-            *of_deflection(float(lengths.max(initial=0.0)), run),
-            *of_points([*np.unique(self._path.cases.load_point, axis=0).tolist()]),
-            *of_campaign(int((corrections.extrapolation > EXTRAPOLATED).sum()), points, "points"),
+            *find_implausible_deflection(float(lengths.max(initial=0.0)), run),
+            *find_far_points([*np.unique(self._path.cases.load_point, axis=0).tolist()]),
+            *find_beyond_campaign(int((corrections.extrapolation > EXTRAPOLATED).sum()), points, "points"),
         ]
         if not corrections.correction.any():
             message = "nothing is corrected: no point is loaded, or each deflection is below its uncertainty"
             remedy = "state the load; measure more if the deflections matter"
-            reasons.append(own_reason("nothing_corrected", "use_with_care", message, remedy))
+            reasons.append(make_reason("nothing_corrected", "use_with_care", message, remedy))
         if left:
             message = f"{moves - left} of {moves} moves corrected, {left} left"
             remedy = "check that the moves that are left do not need a correction"
-            reasons.append(own_reason("moves_left", "use_with_care", message, remedy))
+            reasons.append(make_reason("moves_left", "use_with_care", message, remedy))
         if capped:
             weight: Verdict = "do_not_use" if capped == points else "use_with_care"
             message = f"the limits reduce the corrections of {capped} of {points} points"
             remedy = "check the load and its unit, then raise `max_displacement` or `max_rotation`"
-            reasons.append(own_reason("corrections_capped", weight, message, remedy))
+            reasons.append(make_reason("corrections_capped", weight, message, remedy))
         if near:
             message = f"{near} of {points} points are near a singularity: joints turn by over {_TURNED:g} rad"
             remedy = "move the part away from the singularity"
-            reasons.append(own_reason("near_singularity", "use_with_care", message, remedy))
+            reasons.append(make_reason("near_singularity", "use_with_care", message, remedy))
         if capped and self._request.accept_verdict is None:
             items = [("the program", each.message, each.remedy) for each in reasons]
             raise VerdictError.of("a program whose corrections are held back", "max_displacement", items)
-        return judged("program", reasons, run.assessment)
+        return assess_with_run("program", reasons, run.assessment)
 
     def _limits(self) -> CorrectionLimits:
         """Return the limits of a correction in m and rad, as the request states or by default."""
@@ -583,7 +583,7 @@ def prepare_compensation(inputs: Inputs, request: ProgramRequest) -> ProgramWork
         RequestError: the run does not exist or has no model for predictions; or the request has no files,
             does not fit the run, or has a program that was compensated already.
     """
-    run = accepted_run(inputs, request.run_id, request.accept_verdict)
+    run = find_accepted_run(inputs, request.run_id, request.accept_verdict)
     if not request.files:
         raise RequestError("no file was sent", where="files", remedy="send the program")
     sent = {hashlib.sha256(unpacked(file)).hexdigest() for file in request.files}

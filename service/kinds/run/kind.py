@@ -33,9 +33,9 @@ from jointstiff.service.tables.table import (
     Part,
     Sheet,
     Table,
-    number,
-    percent,
-    rounded,
+    format_percent,
+    format_rounded,
+    number_formatter,
 )
 from jointstiff.solver.text import figure, length_text, posture_text
 
@@ -375,11 +375,13 @@ def links_line(links: LinksResult, choice: ModelChoice) -> Line:
     model, losses = choice.elasticity, {**choice.losses, choice.elasticity: choice.loss}
     scores = {each.model: each.compensation for each in choice.models if each.loss == losses[each.model]}
     if choice.simplest is None or not {"joints", model} <= set(scores):
-        return Line(f"  {_MODEL_NAMES[model]}: {percent(1.0 - links.unexplained)} of the squared deflection")
+        return Line(
+            f"  {_MODEL_NAMES[model]}: {format_percent(1.0 - links.unexplained)} of the squared deflection"
+        )
     simplest = f"; simplest good model: {_MODEL_NAMES[choice.simplest]}"
     return Line(
-        f"  {_MODEL_NAMES[model]} with loss {choice.loss} explain {percent(scores[model])} of "
-        f"held-out postures, joints alone {percent(scores['joints'])}"
+        f"  {_MODEL_NAMES[model]} with loss {choice.loss} explain {format_percent(scores[model])} of "
+        f"held-out postures, joints alone {format_percent(scores['joints'])}"
         f"{'' if choice.simplest == model else simplest}"
     )
 
@@ -395,9 +397,9 @@ def _elements_table(links: LinksResult) -> Table:
     return Table(
         [
             Column("element", [*names, "unexplained"], text=True),
-            Column("overall", [*(each.share for each in elements), links.unexplained], percent),
-            Column("least", [*least, None], percent),
-            Column("greatest", [*greatest, None], percent),
+            Column("overall", [*(each.share for each in elements), links.unexplained], format_percent),
+            Column("least", [*least, None], format_percent),
+            Column("greatest", [*greatest, None], format_percent),
         ],
         title="Share of the squared deflection",
         caption="sum 100 %; what the run explains of the mean deflection is a share of lengths",
@@ -458,9 +460,9 @@ def choice_table(choice: ModelChoice) -> Table:
         [
             Column("model", [_MODEL_NAMES[each.model] for each in models], text=True),
             Column("loss", [each.loss for each in models], text=True),
-            Column("compensation", [each.compensation for each in models], percent),
-            Column("std. error", [each.standard_error for each in models], percent),
-            Column("penalty", [each.penalty for each in models], number(".2g")),
+            Column("compensation", [each.compensation for each in models], format_percent),
+            Column("std. error", [each.standard_error for each in models], format_percent),
+            Column("penalty", [each.penalty for each in models], number_formatter(".2g")),
             Column("", [_model_mark(each, choice) for each in models], text=True),
         ],
         title="Compensation of held-out configurations",
@@ -494,7 +496,7 @@ def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit
         names.append("compensation")
 
     def column(name: str, values: list[str], last: float | None) -> Column:
-        whole = [] if len(names) == len(values) else [percent(last)]
+        whole = [] if len(names) == len(values) else [format_percent(last)]
         return Column(name, [*values, *whole])
 
     return Table(
@@ -514,7 +516,7 @@ def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit
 
 def _rounded(value: float | None, uncertainty: float | None) -> str:
     """Round a value to the digits that its uncertainty allows; a dash without value."""
-    return NO_NUMBER if value is None else rounded(value, uncertainty)
+    return NO_NUMBER if value is None else format_rounded(value, uncertainty)
 
 
 def mean_and_deviation(joint: ResampledJoint, unit: StiffnessUnit) -> tuple[float | None, float | None]:
@@ -527,7 +529,7 @@ def mean_and_deviation(joint: ResampledJoint, unit: StiffnessUnit) -> tuple[floa
         if unit.inverse
         else (joint.stiffness_mean, joint.stiffness_deviation)
     )
-    factor = unit.of(joint.kind).factor
+    factor = unit.for_kind(joint.kind).factor
     mean, deviation = (None if value is None else factor * value for value in moments)
     return mean, deviation
 
@@ -557,12 +559,12 @@ def charts(result: RunResult) -> list[Chart]:
 def joints_sheet(run: Run) -> Sheet:
     """Return the file `joints.csv`: a row for each joint; empty without result."""
     joints = run.result.joints if run.result else []
-    return Sheet.of_joints(Sheet.of_fields(joints, _JOINTS), [joint.kind for joint in joints])
+    return Sheet.with_joint_kinds(Sheet.from_messages(joints, _JOINTS), [joint.kind for joint in joints])
 
 
 def residuals_sheet(run: Run) -> Sheet:
     """Return the file `residuals.csv`: a row for each observation and target; empty without result."""
-    return Sheet.of_fields(run.result.residuals if run.result else [], _RESIDUALS)
+    return Sheet.from_messages(run.result.residuals if run.result else [], _RESIDUALS)
 
 
 _JOINTS: Final = {

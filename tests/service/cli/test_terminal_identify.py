@@ -213,7 +213,7 @@ def test_json_is_the_run_with_its_request_origin_and_numbers():
 def test_methods_that_agree_are_compared_in_the_unit_that_is_asked_for():
     assert_said(
         typed("compare pull.json --unit kNm/deg"),
-        "Use this comparison: nothing speaks against it; all 6 joints of its run passed the checks",
+        "Use this comparison: no fault was found; all 6 joints of its run passed the checks",
         "Stiffness in kN·m/° joint sign CP/L CP PP DPP",
         "joint_1 free 66.57(85) 66.69(78) 66.69(78) 66.01(86)",
         "joint_3 free 43.11(86) 43.38(76) 43.38(76) 43.6(1.0)",

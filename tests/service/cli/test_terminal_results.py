@@ -131,13 +131,13 @@ def test_deflections_are_predicted_with_their_uncertainty():
         typed(
             "predict pull.json postures.csv --load-point 0,0,120 --run run.json --output p.csv --overwrite"
         ),
-        "Use this prediction: nothing speaks against it; all 6 joints of its run passed the checks",
-        "Deflections in R0, with U without model error",
+        "Use this prediction: no fault was found; all 6 joints of its run passed the checks",
+        "Deflections in R0; U does not include the model error",
         "a -0.254 ± 0.017",
         "0.000 ± 0.000 -1.194 ± 0.035 — 671",
         "b 0.063 ± 0.001 -0.018 ± 0.001 -0.028 ± 0.001 — 1591",
-        "U of readings, loads and places, and model error, at 95 %; stiffness along the force, free to "
-        "move sideways",
+        "U: expanded uncertainty from readings, loads and places; U and model error at 95 %; stiffness along "
+        "the force, free to move sideways",
         "own weight is not included, because no masses are given",
         "no bound of the model error at 95 %: 19 postures are needed, and there are 12",
     )
@@ -174,7 +174,7 @@ def test_a_prediction_at_a_place_has_compliance_along_the_force_and_in_the_worst
 def test_a_map_shows_its_worst_and_its_stiffest_place():
     assert_said(
         typed("map pull.json --options area.json --run run.json --details"),
-        "Use this map: nothing speaks against it; all 6 joints of its run passed the checks",
+        "Use this map: no fault was found; all 6 joints of its run passed the checks",
         "all 4 places reached",
         "deflection: median 669.3 µm, 90 % of the places 523.5 to 783.6 µm, greatest 794.9 µm",
         "┃ ┃ worst place ┃ stiffest place ┃",
@@ -229,7 +229,7 @@ def test_a_map_as_csv_has_a_row_for_each_place():
 def test_a_plan_says_what_it_adds_and_is_a_campaign_to_fill_in():
     assert_said(
         typed("plan pull.json --readings 3 --candidates 200 --campaign filled.json --overwrite --details"),
-        "Use this plan: nothing speaks against it; all 6 joints of its run passed the checks",
+        "Use this plan: no fault was found; all 6 joints of its run passed the checks",
         "│ joint_1 │ 0.45 % │ 0.47 % │",
         "│ joint_4 │ 2.3 % │ 7.9 % │",
         "│ joint_6 │ 5.1 % │ 7.7 % │",
@@ -270,7 +270,7 @@ def test_a_program_is_corrected_and_its_points_are_written():
     line = "compensate pull.json path.src --options options.json --output out.src --report points.csv"
     assert_said(
         typed(f"{line} --overwrite"),
-        "Use this program: nothing speaks against it; all 6 joints of its run passed the checks",
+        "Use this program: no fault was found; all 6 joints of its run passed the checks",
         "4 of 4 targets corrected",
         "Distance of the loaded tool from its target, mm",
         "│ without correction │ 2.2650 │ 2.7532 │ 2.8306 │",

@@ -281,7 +281,7 @@ class TestMethods:
     def test_the_terminal_shows_the_method_that_was_possible(self, of_one_target):
         words = shown(of_one_target)
         for line in [
-            "Use this comparison: nothing speaks against it; all 6 joints of its run passed the checks",
+            "Use this comparison: no fault was found; all 6 joints of its run passed the checks",
             "joint_1 free 3.817(69)",
             "joint_6 free 0.090(18)",
             "PP: partial pose; free: unconstrained; 3.188(17): 3.188 with standard uncertainty 0.017; "

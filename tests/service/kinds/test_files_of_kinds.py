@@ -13,7 +13,7 @@ from support.pages import lines_of_page
 
 from jointstiff.service.kinds.registry import KINDS
 
-ALL_SIX = "nothing speaks against it; all 6 joints of its run passed the checks"
+ALL_SIX = "no fault was found; all 6 joints of its run passed the checks"
 BOUND = [
     "own weight is not included, because no masses are given",
     "no bound of the model error at 95 %: 19 postures are needed, and there are 12",

@@ -230,8 +230,9 @@ class TestWhatOwnWeightDoesNotKnow:
         for run, more in ((stored, {"masses": MASSES}), (loaded, {})):
             asked = still | {"run_id": run["id"]} | more
             assert told(local.request("POST", "/v1/deflections", json=asked)) == (
-                f"422 | absolute | `absolute` uses the own weight of run '{run['id']}': it has none, or "
-                "masses are given, too | choose a run with `weight` and without balancers, and leave "
+                f"422 | absolute | `absolute` needs own weight in run '{run['id']}', and no `masses` in the "
+                "request; one of these conditions is not met | choose "
+                "a run with `weight` and without balancers, and leave "
                 "`masses` out"
             )
 

@@ -89,7 +89,7 @@ def test_sag_is_in_a_prediction_that_is_absolute_and_only_there(local, run):
         return local.request("POST", "/v1/deflections", json=asked | {"absolute": absolute}).json()
 
     bent, relative = predicted(True), predicted(False)
-    headline = "Use this prediction: nothing speaks against it; 5 of 6 joints of its run passed the checks"
+    headline = "Use this prediction: no fault was found; 5 of 6 joints of its run passed the checks"
     no_bound = (
         "no bound of the model error: stiffnesses are from the robot's own weight: no posture under load was "
         "left out"

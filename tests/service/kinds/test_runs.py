@@ -459,7 +459,7 @@ def test_each_source_is_named_and_all_add_up():
         assert budget.expanded_uncertainty[j] == pytest.approx(
             1.959964 * joint.standard_uncertainty, rel=1e-6
         )
-        own = budget.included_in(joint.name).values()
+        own = budget.contributions_to(joint.name).values()
         assert sum(value**2 for value in own) == pytest.approx(joint.standard_uncertainty**2, rel=1e-9)
 
 
@@ -490,7 +490,7 @@ def test_intervals_hold_the_truth_where_the_load_point_is_10_mm_off():
             low, high = joint.compliance_interval
             count += 1
             inside += low <= truth <= high
-            alone = result.budget.included_in(joint.name)["readings"]
+            alone = result.budget.contributions_to(joint.name)["readings"]
             by_readings += abs(joint.compliance - truth) <= 1.96 * alone
     assert inside >= 0.93 * count
     assert by_readings < 0.8 * count

@@ -27,7 +27,7 @@ import jointstiff as js
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.reports.exports import FORMATS
 from jointstiff.service.reports.job import job_report
-from jointstiff.service.runs.verdicts import of_points
+from jointstiff.service.runs.verdicts import find_far_points
 from jointstiff.simulator import default_arm, simulate_campaign
 
 TRUTH = default_arm().compliances
@@ -46,7 +46,7 @@ def test_the_action_of_a_proved_mistake_leads_to_a_run_for_use(clean, mistake):
     after = before.apply(action)
     assert after.result.assessment.verdict == "use", after.result.assessment.reasons
     for joint, compliance in zip(after.result.joints, TRUTH, strict=True):
-        by_readings = after.result.budget.included_in(joint.name)["readings"]
+        by_readings = after.result.budget.contributions_to(joint.name)["readings"]
         assert abs(joint.compliance - compliance) < 5 * by_readings
     assert after.request.complementary_stiffness == "included"
     mended = after.campaign
@@ -400,7 +400,7 @@ def test_the_greatest_deflection_and_the_farthest_point_decide(run):
     said = {each.code: each.message for each in run.predict(3 * POSTURE, forces, at=POINT).assessment.reasons}
     assert said["beyond_campaign"].startswith("1 of 3 cases")
     assert "times the greatest of the campaign" in said["prediction_implausible"]
-    (reason,) = of_points([POINT, (0.9, 1.2, 0.1), None])
+    (reason,) = find_far_points([POINT, (0.9, 1.2, 0.1), None])
     assert "1.5 m from the flange" in reason.message
 
 

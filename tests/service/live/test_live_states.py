@@ -319,7 +319,7 @@ def test_other_words_are_no_goal(words):
     with pytest.raises(RequestError) as refused:
         goal_of(words)
     assert str(refused.value) == (
-        f'goal: {words!r} is no goal; write "15 %" for every joint, "6 um" for the deflection in the work '
+        f'goal: {words!r} is not a goal; write "15 %" for every joint, "6 um" for the deflection in the work '
         f"area, "
         'or "below 0.5 mm" for a decision about it'
     )

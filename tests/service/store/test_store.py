@@ -350,7 +350,7 @@ def test_a_job_and_its_part_are_stored_together_or_not_at_all(store, claims, fai
 def test_a_part_is_left_once_however_often(runs, store, claims):
     run = runs.create(run_request(stored_set(store)), None)
     for _ in range(2):
-        claims.leave(run.id, [Part(run.id, 1, 0), Part(run.id, 2, 0)])
+        claims.add_following_parts(run.id, [Part(run.id, 1, 0), Part(run.id, 2, 0)])
     assert len(claims.waiting()) == 3
 
 

@@ -69,7 +69,7 @@ def report(_job: Small, result: SmallResult, _view: View) -> Report:
 
 def counts_sheet(job: Small) -> Sheet:
     """Return the counts."""
-    return Sheet.of_rows([] if job.result is None else [job.result.model_dump()])
+    return Sheet.from_rows([] if job.result is None else [job.result.model_dump()])
 
 
 SMALL: Final = Kind[Small, SmallRequest](
