@@ -37,7 +37,7 @@ from jointstiff.service.problems import (
     StoreUnavailableError,
     TooManyJobsError,
     WorkerLostError,
-    problem_of,
+    problem_from_error,
 )
 from jointstiff.service.process import versions
 from jointstiff.service.resources.stored import Resources
@@ -136,12 +136,12 @@ class Jobs:
         job = new_job(self.kind.message, request, work, by)
         enqueue = self._enqueue
         if job.progress is None or enqueue is None:
-            done = record_of(self.kind, carry_out(job, work), work.robot_id)
+            done = make_record(self.kind, carry_out(job, work), work.robot_id)
             return self.records.add(done, key)
         if len(self.records.open_jobs()) >= MAX_OPEN:
             raise TooManyJobsError(self.kind.resource, MAX_OPEN)
         return self.records.add(
-            record_of(self.kind, job, work.robot_id),
+            make_record(self.kind, job, work.robot_id),
             key,
             lambda connection: enqueue(connection, job.id),
         )
@@ -207,7 +207,7 @@ class Jobs:
             queue.leave(
                 job_id, [Part(job_id, other, 0) for other in range(1, min(PARTS_AT_ONCE, len(parts)))]
             )
-        done, own_steps = stored.done(job_id), parts[number] if parts else ()
+        done, own_steps = stored.done_starts(job_id), parts[number] if parts else ()
         remaining = [span for span in own_steps if span[0] not in done]
         kept, deadline = len(own_steps) - len(remaining), time.monotonic() + PART_SECONDS
         for span in remaining:
@@ -223,7 +223,7 @@ class Jobs:
         if (following := number + PARTS_AT_ONCE) < len(parts):
             queue.leave(job_id, [Part(job_id, following, 0)])
         # Another worker may have ended the job meanwhile, which removes the results: then there are fewer.
-        if len(stored.done(job_id)) == len(steps) == len(results := stored.results(job_id)):
+        if len(stored.done_starts(job_id)) == len(steps) == len(results := stored.results(job_id)):
             self.conclude(job_id, results)
 
     def conclude(self, job_id: str, computed: Sequence[bytes]) -> None:
@@ -245,7 +245,7 @@ class Jobs:
         if not self.records.is_active(job_id):
             return
         if isinstance(failure, JointstiffError | WorkerLostError):
-            error = problem_of(failure)
+            error = problem_from_error(failure)
         else:
             _logger.error("a %s failed unexpectedly", self.kind.name, exc_info=failure)
             error = unexpected_failure()
@@ -273,7 +273,7 @@ class Jobs:
 
     def _changing_columns(self, job: Job, robot_id: str | None) -> dict[str, Any]:
         """Return the columns of a job's record that change until the job ends, with their values."""
-        record = record_of(self.kind, job, robot_id)
+        record = make_record(self.kind, job, robot_id)
         return {name: getattr(record, name) for name in _CHANGING}
 
     def _end_job(
@@ -309,9 +309,9 @@ class Jobs:
         self.records.end(job_id, state, final_columns, at_most)
 
 
-def record_of(kind: AnyKind, job: Job, robot_id: str | None) -> JobRecord:
+def make_record(kind: AnyKind, job: Job, robot_id: str | None) -> JobRecord:
     """Return the record of a job: its message as JSON, and the columns by which jobs are listed."""
-    summary = summary_of(job, robot_id)
+    summary = summarize_job(job, robot_id)
     return JobRecord(
         id=job.id,
         kind=kind.name,
@@ -325,7 +325,7 @@ def record_of(kind: AnyKind, job: Job, robot_id: str | None) -> JobRecord:
     )
 
 
-def summary_of(job: Job, robot_id: str | None) -> JobSummary:
+def summarize_job(job: Job, robot_id: str | None) -> JobSummary:
     """Return the summary of a job for listings, without the names of its robot and its measurement set.
 
     Each field is taken from the first that has it: the job, its request, its provenance or its result.
@@ -340,7 +340,7 @@ def summary_of(job: Job, robot_id: str | None) -> JobSummary:
     return JobSummary.model_validate(fields | {"robot_id": robot_id})
 
 
-def summary_of_entry(entry: JobEntry) -> JobSummary:
+def summary_from_row(entry: JobEntry) -> JobSummary:
     """Return the summary of a job from its row in a listing."""
     columns = {name: getattr(entry, name) for name in _ROW_FIELDS}
     return JobSummary.model_validate(entry.summary | columns)
@@ -386,5 +386,5 @@ class Parts(Resources):
         """
         page = self._records.page(**query.listing())
         return Page(
-            items=[summary_of_entry(entry) for entry in page.records], next=page.next, total=page.total
+            items=[summary_from_row(entry) for entry in page.records], next=page.next, total=page.total
         )

@@ -102,7 +102,7 @@ class VerdictError(ItemsError):
     """A result is not to be used, and the request does not accept that."""
 
     @classmethod
-    def of(cls, subject: str, where: str, items: Iterable[Sequence[str]]) -> VerdictError:
+    def for_result(cls, subject: str, where: str, items: Iterable[Sequence[str]]) -> VerdictError:
         """Return the refusal of a result, with the reasons of its verdict."""
         return cls(
             f"the verdict on {subject} is: do not use",
@@ -251,7 +251,7 @@ class ClosedError(StoreError):
         )
 
 
-class TakenError(StoreError):
+class LabelTakenError(StoreError):
     """An open set has another reading of that label."""
 
     def __init__(self, label: str) -> None:
@@ -373,7 +373,7 @@ _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType
         ReferencedError: (409, "referenced", "Other resources refer to it"),
         QuotaError: (507, "quota", "The database is full"),
         ClosedError: (409, "closed", "The measurement set is closed"),
-        TakenError: (409, "label-taken", "Another reading has this label"),
+        LabelTakenError: (409, "label-taken", "Another reading has this label"),
         NotEndedError: (409, "not-ended", "The job has not finished"),
         WorkerLostError: (500, "worker-lost", "The workers of the job died"),
         NotFoundError: (404, "not-found", "The resource does not exist"),
@@ -432,7 +432,7 @@ _WORDING: Final = tuple(
 """Pydantic's messages and ours, the first match counts; what is not here stays as it is."""
 
 
-def problem_of(error: JointstiffError | StoreError) -> Problem:
+def problem_from_error(error: JointstiffError | StoreError) -> Problem:
     """Return the problem details of one of the project's errors, by the table `_KINDS`."""
     internal = (500, "internal", "Internal error")
     status, slug, title = next((_KINDS[each] for each in type(error).__mro__ if each in _KINDS), internal)
@@ -454,7 +454,7 @@ def problem_of(error: JointstiffError | StoreError) -> Problem:
     return _fit_into_body(problem)
 
 
-def place_in(section: str, where: str | None) -> str | None:
+def place_in_document(section: str, where: str | None) -> str | None:
     """Return the place of an error in a document of several sections, such as a campaign.
 
     A place in observations is one in the measurement set, whatever section was refused.
@@ -483,7 +483,7 @@ def http_problem(status: int, detail: str, remedy: str | None = None) -> Problem
     )
 
 
-def invalid_request(errors: Sequence[Mapping[str, Any]], parameters: Sequence[str] = ()) -> Problem:
+def problem_from_faults(errors: Sequence[Mapping[str, Any]], parameters: Sequence[str] = ()) -> Problem:
     """Return problem details of pydantic's errors: the first faults, shortened, without the values sent.
 
     Args:
@@ -495,7 +495,7 @@ def invalid_request(errors: Sequence[Mapping[str, Any]], parameters: Sequence[st
             where=_shorten(_path_text(error["loc"])) or "body",
             reason="must be an object"
             if error["type"] in _NO_OBJECT
-            else _shorten(reworded(error, parameters)),
+            else _shorten(reword_fault(error, parameters)),
             remedy=_remedy(error),
         )
         for error in errors[:MAX_ITEMS]
@@ -559,7 +559,7 @@ def _path_text(location: Sequence[int | str]) -> str:
     return path
 
 
-def reworded(error: Mapping[str, Any], parameters: Sequence[str] = ()) -> str:
+def reword_fault(error: Mapping[str, Any], parameters: Sequence[str] = ()) -> str:
     """Return one of pydantic's errors in the project's words.
 
     Args:
@@ -619,5 +619,7 @@ def as_campaign_error(section: str) -> Iterator[None]:
     try:
         yield
     except JointstiffError as error:
-        problem = problem_of(error)
-        raise CampaignError(problem.model_copy(update={"where": place_in(section, problem.where)})) from error
+        problem = problem_from_error(error)
+        raise CampaignError(
+            problem.model_copy(update={"where": place_in_document(section, problem.where)})
+        ) from error

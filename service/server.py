@@ -99,7 +99,7 @@ def run_server(settings: Settings, then: Callable[[str], object] | None = None) 
         # Names of workers contain a hash of the database: messages distinguish workers of several stores.
         store_hash = hashlib.sha256(_url_without_password(database).encode()).hexdigest()[:8]
         prefix = f"{socket.gethostname()}-{port}-{store_hash}"
-        supervisor = stack.enter_context(Supervisor(database, workers, prefix, make_forget_worker(store)))
+        supervisor = stack.enter_context(Supervisor(database, workers, prefix, make_heartbeat_remover(store)))
         address = f"http://{host}:{port}"
         console().print(
             f"Jointstiff {jointstiff_version()} at {address}, API description at {address}/openapi.json\n"
@@ -170,7 +170,7 @@ def _gauge_values(app: FastAPI, server: uvicorn.Server) -> dict[str, float]:
     return state
 
 
-def make_forget_worker(store: Store) -> Callable[[str], None]:
+def make_heartbeat_remover(store: Store) -> Callable[[str], None]:
     """Return a function that removes the heartbeat of a worker that ended, given its name.
 
     While the database does not answer it does nothing: the worker counts as dead after a time of silence.

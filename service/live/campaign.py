@@ -33,7 +33,7 @@ from jointstiff.schemas.run import RunResult
 from jointstiff.service.conversion.prepared import PreparedSet, check_set
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.kinds.plan.work import to_design_request
-from jointstiff.service.problems import TakenError
+from jointstiff.service.problems import LabelTakenError
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.live.ahead import Ahead
 from jointstiff.solver.live.innovation import HeldOut, Innovation
@@ -147,11 +147,11 @@ class LiveCampaign:
 
     declared: Declared
     entries: tuple[Entry, ...] = ()
-    of_label: Mapping[str, Entry] = field(init=False)  # label → entry of the observation
+    entry_by_label: Mapping[str, Entry] = field(init=False)  # label → entry of the observation
 
     def __post_init__(self) -> None:
         named = {entry.label: entry for entry in self.entries if entry.change == "observation"}
-        object.__setattr__(self, "of_label", named)
+        object.__setattr__(self, "entry_by_label", named)
 
     def with_entry(self, entry: Entry) -> LiveCampaign:
         """Return the campaign with one more entry; an entry that it has already is not added again."""
@@ -169,7 +169,7 @@ class LiveCampaign:
         withdrawn = self._entries_by_label("withdrawn")
         return [
             entry.observation
-            for label, entry in self.of_label.items()
+            for label, entry in self.entry_by_label.items()
             if label not in withdrawn and entry.observation is not None
         ]
 
@@ -178,22 +178,22 @@ class LiveCampaign:
         """True once the set is closed and takes no more readings."""
         return bool(self._entries_by_label("closed"))
 
-    def judged(self, observation: Observation) -> Entry:
+    def compare_with_prediction(self, observation: Observation) -> Entry:
         """Return the entry of an observation; a new observation is compared with its prediction.
 
         The prediction is that of the observations that count so far; the first observation has none.
 
         Raises:
-            TakenError: the set has a different observation of this label.
+            LabelTakenError: the set has a different observation of this label.
             RequestError: the set has `MOST_READINGS` observations already.
             MeasurementError: the observation cannot be right.
         """
-        known = self.of_label.get(observation.label)  # sent again, if it is the same observation
+        known = self.entry_by_label.get(observation.label)  # sent again, if it is the same observation
         if known is not None and known.observation != observation:
-            raise TakenError(observation.label)
+            raise LabelTakenError(observation.label)
         if known is not None:
             return known
-        if len(self.of_label) >= MOST_READINGS:
+        if len(self.entry_by_label) >= MOST_READINGS:
             raise RequestError(
                 f"an open set takes {MOST_READINGS} observations at most",
                 where="label",
@@ -219,11 +219,11 @@ class LiveCampaign:
         taken = Taken(
             measurements=None if prepared is None else prepared.measurements,
             noticed=() if prepared is None else tuple(prepared.warnings),
-            judged={label: entry.innovation or Innovation() for label, entry in self.of_label.items()},
+            judged={label: entry.innovation or Innovation() for label, entry in self.entry_by_label.items()},
             withdrawn=frozenset(self._entries_by_label("withdrawn")),
             kept=frozenset(self._entries_by_label("kept")),
             skipped=tuple(entry.joints for entry in self.entries if entry.change == "skipped"),
-            check=self.of_label[observations[-1].label].held_out if observations else None,
+            check=self.entry_by_label[observations[-1].label].held_out if observations else None,
         )
         weight = options.load if isinstance(options.load, OwnWeight) else None
         return Progress(self.declared.ahead, options.goal, taken, options.priors, weight)
@@ -272,8 +272,8 @@ class LiveCampaign:
         return PlannedReading(
             label=next(
                 label
-                for label in map("m{:02d}".format, count(1 + len(self.of_label)))
-                if label not in self.of_label
+                for label in map("m{:02d}".format, count(1 + len(self.entry_by_label)))
+                if label not in self.entry_by_label
             ),
             joints=following.joints.tolist(),
             force=tuple(following.force.tolist()),
@@ -282,14 +282,14 @@ class LiveCampaign:
             reason=self.progress.reason_of_next,
         )
 
-    def entries_of(self, change: SetChange) -> list[Entry]:
+    def entries_for_change(self, change: SetChange) -> list[Entry]:
         """Return new entries for a change that withdraws or keeps observations, or skips the next posture.
 
         Raises:
             RequestError: the set has no such observation, or the posture to skip is not the next one.
         """
         named = [*change.withdrawn, *change.kept]
-        unknown = next((label for label in named if label not in self.of_label), None)
+        unknown = next((label for label in named if label not in self.entry_by_label), None)
         if unknown is not None:
             raise RequestError(
                 f"the set has no observation '{unknown}'",
@@ -311,7 +311,7 @@ class LiveCampaign:
             entries.append(Entry("skipped", f"{following.label}/{number}", joints=tuple(following.joints)))
         return entries
 
-    def closing(self) -> dict[str, object]:
+    def fields_when_closed(self) -> dict[str, object]:
         """Return the fields of the ordinary measurement set that the open set becomes when it is closed.
 
         Raises:
@@ -339,7 +339,7 @@ class LiveCampaign:
                 **vars(self.progress.found(label)),
                 ball_ratio=None if entry.held_out is None else entry.held_out.ball_ratio,
             )
-            for label, entry in self.of_label.items()
+            for label, entry in self.entry_by_label.items()
         ]
 
     def summary(self) -> str:

@@ -34,7 +34,7 @@ SI: Final = Units(length="m", angle="rad", force="N")
 """Units of a campaign that begins with a robot."""
 
 
-def goal_of(goal: str | Goal | Mapping[str, Any], force: Vector3 | None = None) -> Goal:
+def read_goal(goal: str | Goal | Mapping[str, Any], force: Vector3 | None = None) -> Goal:
     """Return the goal that words state: `15 %` of every joint, `6 um` of the deflection, or `below 0.5 mm`.
 
     Args:
@@ -61,13 +61,13 @@ class Scales:
     joints: tuple[float, ...]  # of each joint [rad or m]
 
     @classmethod
-    def of(cls, units: Units, robot: Robot) -> Scales:
+    def from_units(cls, units: Units, robot: Robot) -> Scales:
         """Return the sizes in SI units of a set's units; a prismatic joint has the unit of length."""
         length, angle = LENGTH[units.length], ANGLE[units.angle]
         return cls(length, FORCE[units.force], tuple(np.where(robot.prismatic, length, angle).tolist()))
 
 
-def declared(
+def declare_set(
     robot: PreparedRobot,
     campaign: MeasurementSetDocument | None,
     goal: Goal,
@@ -108,10 +108,10 @@ def declared(
     header["name"] = f"measured live: {robot.document.name}"[:200]
     options_of_set = LiveOptions.model_validate({**stated, "goal": goal})
     post = OpenPost.model_validate({**header, "robot_id": "robot", "open": options_of_set})
-    return completed(post, options_of_set)
+    return complete_targets_and_load_point(post, options_of_set)
 
 
-def completed(post: OpenPost, options: LiveOptions) -> OpenPost:
+def complete_targets_and_load_point(post: OpenPost, options: LiveOptions) -> OpenPost:
     """Return an open set whose targets and load point are stated in the set (its unit) and in options [m].
 
     Args:

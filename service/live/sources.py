@@ -116,7 +116,7 @@ class Source(ABC):
         """Release connections and devices."""
 
 
-def source_of(text: str, options: Mapping[str, Any]) -> Source:
+def make_source(text: str, options: Mapping[str, Any]) -> Source:
     """Make the source that a text such as `simulated:1` names; options that are None are left out.
 
     Raises:
@@ -146,7 +146,7 @@ def source_of(text: str, options: Mapping[str, Any]) -> Source:
     return source
 
 
-class Checked:
+class CheckedSource:
     """A source whose readings are checked before they count; an implausible reading raises an error."""
 
     def __init__(self, source: Any, setting: Setting, patience: float = PATIENCE) -> None:  # noqa: ANN401
@@ -400,7 +400,7 @@ class Profile:
     unit: str  # of lengths
 
     @classmethod
-    def of(cls, pattern: str | None, columns: str | None, unit: str) -> Profile:
+    def from_options(cls, pattern: str | None, columns: str | None, unit: str) -> Profile:
         """Return the profile for a regular expression or for names of columns; else that of usual lines.
 
         Raises:
@@ -512,7 +512,7 @@ class Lines(Source):
         Raises:
             RequestError: the address or the profile cannot be understood.
         """
-        self._profile = Profile.of(pattern, columns, source_unit)
+        self._profile = Profile.from_options(pattern, columns, source_unit)
         self._address, self._url = address, urlsplit(address)
         self._request, self._baud, self._sample, self._warn = request, baud, sample, warn
         is_net = self._url.scheme in {"tcp", "udp"}

@@ -28,9 +28,9 @@ from jointstiff.schemas.query import OpenSetQuery, SetQuery
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.conversion.prepared import placed
 from jointstiff.service.live.campaign import Declared, Entry, LiveCampaign
-from jointstiff.service.live.declaration import completed
-from jointstiff.service.problems import NotFoundError, TakenError
-from jointstiff.service.resources.stored import Resources, resolve_frame, stored_job
+from jointstiff.service.live.declaration import complete_targets_and_load_point
+from jointstiff.service.problems import LabelTakenError, NotFoundError
+from jointstiff.service.resources.stored import Resources, load_job, resolve_frame
 from jointstiff.service.store.tables import AccessKey, IdempotencyKey, LiveEntry, OpenSetRecord
 from jointstiff.solver.errors import RequestError
 
@@ -64,13 +64,15 @@ class OpenSets:
         if key is not None and (before := self._store.open_sets.find(key)) is not None:
             return before.id
         options, robot_id = self._complete_by_plan(options, request.robot_id)
-        header = completed(request.model_copy(update={"observations": [], "robot_id": robot_id}), options)
+        header = complete_targets_and_load_point(
+            request.model_copy(update={"observations": [], "robot_id": robot_id}), options
+        )
         resolved, noticed = resolve_frame(self._store, header)
         robot, _ = self._resources.robot(robot_id, "robot_id")
         campaign = LiveCampaign(Declared(robot, header, resolved, noticed))
         _ = campaign.declared.ahead  # raises an error now if no reading is feasible
         for observation in request.observations:
-            campaign = campaign.with_entry(campaign.judged(observation))
+            campaign = campaign.with_entry(campaign.compare_with_prediction(observation))
         record = OpenSetRecord(
             id=uuid4().hex,
             robot_id=robot_id,
@@ -92,13 +94,13 @@ class OpenSets:
         Raises:
             NotFoundError: there is no such open set.
             ClosedError: the set is closed.
-            TakenError: the set has a different observation of this label.
+            LabelTakenError: the set has a different observation of this label.
             MeasurementError: the observation cannot be right.
         """
-        entry = self._campaign(set_id).judged(observation)
+        entry = self._campaign(set_id).compare_with_prediction(observation)
         # Another observation with this label may have come first.
         if self._add_entry(set_id, entry, by).observation != observation:
-            raise TakenError(observation.label)
+            raise LabelTakenError(observation.label)
         return self.state(set_id)
 
     def change(self, set_id: str, change: SetChange, by: AccessKey | None) -> None:
@@ -108,7 +110,7 @@ class OpenSets:
             NotFoundError: there is no such open set.
             RequestError: the set has no such observation, or the posture to skip is not the next one.
         """
-        for entry in self._campaign(set_id).entries_of(change):
+        for entry in self._campaign(set_id).entries_for_change(change):
             self._add_entry(set_id, entry, by)
 
     def close(self, set_id: str, by: AccessKey | None) -> live.LiveState:
@@ -122,11 +124,11 @@ class OpenSets:
             JointstiffError: the run cannot be created; the measurement set is stored nevertheless.
         """
         campaign = self._campaign(set_id)
-        fields = campaign.closing()  # raises an error before the set is closed
+        fields = campaign.fields_when_closed()  # raises an error before the set is closed
         if not campaign.closed:
             self._add_entry(set_id, Entry("closed", ""), by)
             campaign = self._campaign(set_id)
-            fields = campaign.closing()  # again, with observations that came meanwhile
+            fields = campaign.fields_when_closed()  # again, with observations that came meanwhile
         with suppress(NotFoundError):
             self._store.sets.get(set_id)
             return self.state(set_id)
@@ -189,10 +191,10 @@ class OpenSets:
         """Return whether an id belongs to an open set that was not closed; the set may be deleted."""
         with suppress(NotFoundError):
             self._store.open_sets.get(set_id, hidden=True)
-            return not any(entry.change == "closed" for entry in self._store.live_entries.of(set_id=set_id))
+            return not any(entry.change == "closed" for entry in self._store.live_entries.find(set_id=set_id))
         return False
 
-    def changed(self, set_id: str, change: SetChange, by: AccessKey | None) -> MeasurementSetSummary:
+    def apply_change(self, set_id: str, change: SetChange, by: AccessKey | None) -> MeasurementSetSummary:
         """Change the record of an open set, delete the set or restore it; return its summary.
 
         Raises:
@@ -235,7 +237,7 @@ class OpenSets:
             NotFoundError: there is no such open set, or it was deleted.
         """
         entries = [
-            _ENTRY.validate_json(entry.document) for entry in self._store.live_entries.of(set_id=set_id)
+            _ENTRY.validate_json(entry.document) for entry in self._store.live_entries.find(set_id=set_id)
         ]
         ready = self._ready.get(set_id)
         if ready is None or len(ready.entries) > len(entries):
@@ -265,7 +267,7 @@ class OpenSets:
         record = self._store.open_sets.get(set_id)
         header = live.MeasurementSetPost.model_validate_json(record.document)
         if header.open is not None:  # older records may state the load point in one place only
-            header = completed(header, header.open)
+            header = complete_targets_and_load_point(header, header.open)
         robot, _ = self._resources.robots.load(record.robot_id)
         resolved = None if record.resolved is None else ResolvedFrame.model_validate_json(record.resolved)
         return Declared(robot, header, resolved, _FINDINGS.validate_json(record.warnings))
@@ -279,7 +281,7 @@ class OpenSets:
         if options.plan_id is None:
             return options, robot_id
         try:
-            plan = stored_job(self._store, Plan, options.plan_id)
+            plan = load_job(self._store, Plan, options.plan_id)
         except NotFoundError as error:
             raise RequestError(error.reason, remedy=error.remedy, where="open.plan_id") from error
         if plan.result is None:

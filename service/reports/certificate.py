@@ -35,7 +35,7 @@ _UNITS: Final = {
 }
 
 
-def certificate(subject: report.RunSubject) -> bytes:
+def build_certificate(subject: report.RunSubject) -> bytes:
     """Return the digital calibration certificate of a run as XML.
 
     Raises:

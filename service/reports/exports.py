@@ -39,7 +39,7 @@ class ExportedModel:
     geometry_id: str | None = None
 
     @classmethod
-    def of(cls, run: Run, robot: Robot, name: str, geometry_id: str | None = None) -> ExportedModel:
+    def from_run(cls, run: Run, robot: Robot, name: str, geometry_id: str | None = None) -> ExportedModel:
         """Return the model to export from a run, its robot and the robot's name.
 
         Raises:

@@ -46,7 +46,7 @@ _DEFAULT: Final = View()
 _DESPITE: Final = Line("  computed despite this verdict, because the request accepts it", "bad")
 
 
-def job_report(
+def lay_out_job(
     kind: AnyKind, job: Job, *, details: bool = False, unit: str = DEFAULT_UNIT, applies: bool = False
 ) -> RenderableType:
     """Lay out a job for the terminal.
@@ -60,12 +60,14 @@ def job_report(
     """
     parts = job_parts(kind, job, View(details, UNITS[unit], applies))
     if details:
-        facts = [(label, text.replace("\n", "; ")) for label, text in requested(job.request, kinds_in(job))]
+        facts = [
+            (label, text.replace("\n", "; ")) for label, text in requested(job.request, joint_kinds_in(job))
+        ]
         parts.append(text_table(["request", ""], facts, texts=[0, 1]))
     return printed(parts)
 
 
-def kinds_in(job: Job) -> dict[str, JointKind]:
+def joint_kinds_in(job: Job) -> dict[str, JointKind]:
     """Return the kinds of the joints by name if one is prismatic; empty otherwise, or without a result."""
     kinds: dict[str, JointKind] = getattr(job.result, "joint_kinds", {})
     return kinds
@@ -92,7 +94,7 @@ def job_parts(kind: AnyKind, job: Job, view: View = _DEFAULT) -> list[Part]:
     ]
 
 
-def job_sheet(file: File, job: Job, work: Callable[[], Work]) -> Sheet:
+def build_job_sheet(file: File, job: Job, work: Callable[[], Work]) -> Sheet:
     """Return the sheet of one of the files of a succeeded job, with the verdict as a column.
 
     Args:
@@ -104,7 +106,7 @@ def job_sheet(file: File, job: Job, work: Callable[[], Work]) -> Sheet:
     return with_overall_verdict(sheet, getattr(job.result, "assessment", None))
 
 
-def job_document(
+def build_job_report(
     kind: AnyKind, job: Job, document: str, settings: LaboratorySettings, about: Sequence[Fact] = ()
 ) -> Document:
     """Return the report of a succeeded job.
@@ -130,7 +132,7 @@ def job_document(
                     *about,
                 ],
             ),
-            Section(REQUESTED, facts=requested(job.request, kinds_in(job))),
+            Section(REQUESTED, facts=requested(job.request, joint_kinds_in(job))),
             Section(
                 RESULTS,
                 tables=[part for part in parts if isinstance(part, Table)],

@@ -20,7 +20,7 @@ _TITLE_WIDTH = 90
 """Characters in a line of the title."""
 
 
-def figure_of(title: str, charts: Sequence[Chart], areas: Sequence[Area] = ()) -> Figure:
+def draw_figure(title: str, charts: Sequence[Chart], areas: Sequence[Area] = ()) -> Figure:
     """Draw areas and charts, one below the other, and return the figure of matplotlib.
 
     Raises:

@@ -45,7 +45,7 @@ POLICY: Final = (
 """Content security policy: this style, pictures within the page, and nothing else."""
 
 
-def report_page(document: Document) -> bytes:
+def render_html(document: Document) -> bytes:
     """Return a report as one HTML page without links to other files."""
     title, number = escape(document.title), escape(document.number)
     parts = [
@@ -126,7 +126,7 @@ class NoTypstError(RequestError):
         )
 
 
-def report_pdf(document: Document) -> bytes:
+def render_pdf(document: Document) -> bytes:
     """Return a report as PDF/A-3b with its attachments; the same document gives the same bytes.
 
     Characters that the fonts of Typst lack are shown by their code, such as ‹U+4E2D›; HTML and attachments

@@ -129,7 +129,7 @@ class RunSubject:
         return run.model_copy(update={"result": less}).model_dump_json().encode()
 
 
-def run_document(subject: RunSubject) -> Document:
+def build_run_report(subject: RunSubject) -> Document:
     """Return the report of a run; the same run, readings and settings give the same document."""
     run, settings = subject.model.run, subject.settings
     items = text_table(["item", "requires", "is in"], ITEMS, texts=[0, 1, 2])

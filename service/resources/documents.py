@@ -15,7 +15,7 @@ from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES, NOT_JSON, MalformedError, parse
-from jointstiff.service.problems import CampaignError, http_problem, invalid_request, problem_of
+from jointstiff.service.problems import CampaignError, http_problem, problem_from_error, problem_from_faults
 from jointstiff.solver.errors import RequestError
 
 Document = TypeVar("Document", bound=BaseModel)
@@ -23,7 +23,7 @@ AnyCampaign = Campaign | Mapping[str, Any] | str | PathLike[str]
 """A campaign, its document, or the name of its file."""
 
 
-def campaign_of(campaign: AnyCampaign) -> Campaign:
+def read_campaign(campaign: AnyCampaign) -> Campaign:
     """Return the campaign that a file or a document holds; a campaign is returned as it is.
 
     Raises:
@@ -105,10 +105,10 @@ def parse_document(document: Mapping[str, Any], message: type[Document]) -> Docu
     Raises:
         CampaignError: the document is no such message, or holds values that JSON has not.
     """
-    return _validate_content(message, document_content(document))
+    return _validate_content(message, encode_document(document))
 
 
-def document_content(document: Mapping[str, Any]) -> bytes:
+def encode_document(document: Mapping[str, Any]) -> bytes:
     """Return a document as JSON, encoded in UTF-8; its values may be messages and arrays.
 
     Raises:
@@ -153,7 +153,7 @@ def _validate_content(
         return parse(message, content, section)
     except MalformedError as error:
         instead = _other_document(message, content, error, str(path or "the file"))
-        problem = instead or invalid_request(error.faults)
+        problem = instead or problem_from_faults(error.faults)
         if path is not None and instead is None:
             named = {"title": f"{path} does not match the schema", "where": f"{path}: {problem.where}"}
             problem = problem.model_copy(update=named)
@@ -207,7 +207,7 @@ def read_robot(text: str) -> RobotDocument:
     try:
         return nominal_robot(find_arm(text, "--robot"))
     except RequestError as error:
-        problem = problem_of(error)
+        problem = problem_from_error(error)
         detail = f"there is no file '{text}', and {problem.detail}"
         raise CampaignError(problem.model_copy(update={"detail": detail})) from error
 

@@ -26,7 +26,7 @@ from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place
 from jointstiff.service.importing.grammar import Kind, Quantity, along_axis, joint_number
 from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
 from jointstiff.service.importing.rows import Gathered
-from jointstiff.service.problems import FilesError, reworded
+from jointstiff.service.problems import FilesError, reword_fault
 from jointstiff.solver.errors import MeasurementError
 
 if TYPE_CHECKING:
@@ -300,7 +300,7 @@ def _build_measurement_set(
     except ValidationError as error:
         fault = error.errors(include_url=False, include_context=False, include_input=False)[0]
         path = ".".join(map(str, fault["loc"]))
-        reason = f"the readings do not make a valid measurement set: {path} {reworded(fault)}"
+        reason = f"the readings do not make a valid measurement set: {path} {reword_fault(fault)}"
         raise ImportFileError(NOWHERE, reason, "check the limits of measurement sets") from error
 
 

@@ -69,7 +69,7 @@ class Inputs(Protocol):
         """
         ...
 
-    def listed(self, message: type[Job], robot_id: str) -> Iterable[Mapping[str, Any]]:
+    def job_summaries(self, message: type[Job], robot_id: str) -> Iterable[Mapping[str, Any]]:
         """Return the summaries of the newest jobs of a robot; `message` is the class of their kind."""
         ...
 
@@ -82,7 +82,7 @@ class Inputs(Protocol):
         ...
 
 
-class FromFile:
+class InMemoryInputs:
     """Inputs from documents in memory. Each input that is added gets an id for requests."""
 
     def __init__(self) -> None:
@@ -138,7 +138,7 @@ class FromFile:
             named.append(NamedSet(set_id, document.name, prepared.robot_id, robot.document.name, content))
         return named
 
-    def listed(self, *_: object) -> tuple[dict[str, Any], ...]:
+    def job_summaries(self, *_: object) -> tuple[dict[str, Any], ...]:
         """Return no summaries: a file holds no earlier jobs of a robot."""
         return ()
 

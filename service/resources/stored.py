@@ -188,7 +188,7 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
         model = request.model
         if isinstance(model, robots.GeometryModel):
             where = "model.geometry_id"
-            _, result = succeeded_geometry(self._store, model.geometry_id, where)
+            _, result = load_succeeded_geometry(self._store, model.geometry_id, where)
             found = result.robot.model_copy(update={"name": request.name, "bodies": request.bodies})
             return found, {"geometry_id": model.geometry_id}
         joint_map, origin = request.joint_map, {}
@@ -203,16 +203,16 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
     def _load_robot(self, robot_id: str) -> tuple[Robot, str]:
         """Build a stored robot; return it and the hash of its content."""
         record = self._store.robots.get(robot_id)
-        return build_robot(described(record)), record.content_hash
+        return build_robot(robot_from_record(record)), record.content_hash
 
 
-def described(record: RobotRecord) -> robots.Robot:
+def robot_from_record(record: RobotRecord) -> robots.Robot:
     """Return a stored robot as the API's message, with its present name."""
     stored = robots.Robot.model_validate_json(record.document)
     return stored.model_copy(update={"name": record.name})
 
 
-def stored_job(store: Store, message: type[AnyJob], job_id: str) -> AnyJob:
+def load_job(store: Store, message: type[AnyJob], job_id: str) -> AnyJob:
     """Return a stored job as a message of the given class.
 
     Raises:
@@ -222,14 +222,14 @@ def stored_job(store: Store, message: type[AnyJob], job_id: str) -> AnyJob:
     return message.model_validate_json(record.document)
 
 
-def succeeded_geometry(store: Store, geometry_id: str, where: str) -> tuple[Geometry, GeometryResult]:
+def load_succeeded_geometry(store: Store, geometry_id: str, where: str) -> tuple[Geometry, GeometryResult]:
     """Return a stored geometry and its result; `where` is the field of the request that names it.
 
     Raises:
         RequestError: there is no such geometry, it was deleted, or it has no result.
     """
     try:
-        geometry = stored_job(store, Geometry, geometry_id)
+        geometry = load_job(store, Geometry, geometry_id)
     except NotFoundError as error:
         raise RequestError(error.reason, remedy=error.remedy, where=where) from error
     if geometry.result is None:
@@ -306,7 +306,7 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
         Raises:
             NotFoundError: there is no such set.
         """
-        return assembled(self._store.sets.get(set_id))
+        return set_from_record(self._store.sets.get(set_id))
 
     def prepared(self, set_id: str, leave_out: Sequence[str] = ()) -> PreparedSet:
         """Return a set ready for computation.
@@ -403,7 +403,7 @@ class Resources:
             waiting = {robot_id: sets for robot_id, sets in left.items() if sets}
         return [found[robot_id] for robot_id in order if robot_id in found]
 
-    def listed(self, message: type[Job], robot_id: str) -> Iterator[Mapping[str, Any]]:
+    def job_summaries(self, message: type[Job], robot_id: str) -> Iterator[Mapping[str, Any]]:
         """Yield summaries of a robot's newest jobs, 1,000 at most; `message` is the class of their kind."""
         jobs, cursor = self.store.jobs(Resource(message.kind_name(), message.collection)), None
         for _ in range(10):
@@ -415,7 +415,7 @@ class Resources:
     def run(self, run_id: str, where: str) -> MeasuredRun:
         """Return a stored run with its measurement set; `where` is the field of the request that names it."""
         with _refuse_at_field(where):
-            run = stored_job(self.store, Run, run_id)
+            run = load_job(self.store, Run, run_id)
             return MeasuredRun(run, self.sets.prepared(run.request.measurement_set_id))
 
 
@@ -428,7 +428,7 @@ def _refuse_at_field(field: str) -> Iterator[None]:
         raise RequestError(error.reason, remedy=error.remedy, where=field) from error
 
 
-def assembled(record: MeasurementSetRecord) -> MeasurementSet:
+def set_from_record(record: MeasurementSetRecord) -> MeasurementSet:
     """Return a stored measurement set as the API's message, with its observations."""
     stored = messages.StoredMeasurementSet.model_validate_json(record.document)
     observations = ReadingArrays.unpack(record.arrays).observations()
@@ -454,7 +454,7 @@ def resolve_frame(store: Store, request: MeasurementSetRequest) -> tuple[Resolve
     length = LENGTH[request.units.length]
     if frame.geometry_id is None:
         return to_resolved(stated_transform(frame, length)), []
-    geometry, result = succeeded_geometry(store, frame.geometry_id, "frame.geometry_id")
+    geometry, result = load_succeeded_geometry(store, frame.geometry_id, "frame.geometry_id")
     transform = _to_rigid_motion(result.transform_tracker_to_base)
     warnings: list[Finding] = []
     if frame.base_targets is not None:
@@ -518,7 +518,7 @@ def _targets_in_flange(
 
     Empty if the geometry was not identified for that robot's flange.
     """
-    robot = described(store.robots.get(robot_id))
+    robot = robot_from_record(store.robots.get(robot_id))
     of_nominal = result.flange == "nominal" and geometry.request.robot_id == robot_id
     if robot.geometry_id != frame.geometry_id and not of_nominal:
         return {}

@@ -10,7 +10,7 @@ from typing import Any, Final
 import sqlalchemy as sa
 
 from jointstiff.service.problems import NotFoundError, Resource
-from jointstiff.service.store.database import Database, inserting
+from jointstiff.service.store.database import Database, insert_unless_present
 from jointstiff.service.store.tables import (
     AccessKey,
     SessionRecord,
@@ -68,7 +68,7 @@ class AccessKeys:
             return AccessKey(*row)
         raise NotFoundError(KEY, key_id)
 
-    def used(self, key_id: str, now: datetime) -> None:
+    def mark_used(self, key_id: str, now: datetime) -> None:
         """Store the time of the last use of a key, unless a later use is stored."""
         last = access_keys.c.last_used_at
         update = sa.update(access_keys).where(access_keys.c.id == key_id, sa.or_(last.is_(None), last < now))
@@ -112,7 +112,7 @@ class Sessions:
         query = _SESSIONS.where(access_sessions.c.token_hash == token_hash, self._alive_condition(now))
         return next((SessionRecord(*row) for row in self._database.rows(query)), None)
 
-    def used(self, token_hash: str, now: datetime) -> None:
+    def mark_used(self, token_hash: str, now: datetime) -> None:
         """Store the time of the last use of a session, unless a later use is stored."""
         columns = access_sessions.c
         update = sa.update(access_sessions).where(columns.token_hash == token_hash, columns.used_at < now)
@@ -122,7 +122,7 @@ class Sessions:
         """End the session of a token; a repeated call changes nothing."""
         self._database.change(sa.delete(access_sessions).where(access_sessions.c.token_hash == token_hash))
 
-    def end_of(self, key_ids: Sequence[str]) -> None:
+    def end_sessions_of_keys(self, key_ids: Sequence[str]) -> None:
         """End all sessions of some keys, and the links that would begin more."""
         self._database.change(*_end_sessions(key_ids))
 
@@ -175,7 +175,9 @@ class WrongKeys:
             return before
         with self._database.writing() as connection:
             now = self._now(connection)
-            first = inserting(connection, wrong_keys).values(network=network, number=0.0, counted_at=now)
+            first = insert_unless_present(connection, wrong_keys).values(
+                network=network, number=0.0, counted_at=now
+            )
             if connection.execute(first).rowcount == 1:
                 newest = sa.select(wrong_keys.c.network).order_by(wrong_keys.c.counted_at.desc())
                 kept = wrong_keys.c.network.in_(newest.limit(MOST_NETWORKS))

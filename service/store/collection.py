@@ -15,7 +15,7 @@ from sqlalchemy.exc import IntegrityError
 
 from jointstiff.service import problems
 from jointstiff.service.store.database import Database, Quota
-from jointstiff.service.store.listing import Order, is_indexable, page_of, words_of
+from jointstiff.service.store.listing import Order, is_indexable, read_page, search_text_of
 from jointstiff.service.store.tables import (
     DUE,
     AuditEntry,
@@ -235,7 +235,7 @@ class Collection(Generic[Record, Entry]):
         where += [columns[name] >= first for name, (first, _) in spans.items() if first is not None]
         where += [columns[name] < end for name, (_, end) in spans.items() if end is not None]
         order = Order(limit, cursor, q, sort, counted)
-        return page_of(self._database, self._table, self._entries, self._entry, where, order)
+        return read_page(self._database, self._table, self._entries, self._entry, where, order)
 
     def delete(self, identifier: str, now: datetime | None = None) -> None:
         """Hide a resource, which can be restored for `KEEP_DELETED`; a repeated call changes nothing.
@@ -343,7 +343,7 @@ class Collection(Generic[Record, Entry]):
             record: record that is about to be stored.
             named: column → row of the parent that the column names.
         """
-        return _names_of_robot(record.name or "")
+        return _robot_name_columns(record.name or "")
 
     def _rename(self, connection: sa.Connection, identifier: str) -> None:
         """Update the copies of names after a change of a record; a hook."""
@@ -442,13 +442,13 @@ class Robots(Collection[RobotRecord, RobotEntry]):
             return RobotEntry(**row._mapping)
         raise problems.NotFoundError(ROBOT, identifier)
 
-    def due(self, most: int) -> list[RobotEntry]:
+    def list_outdated(self, most: int) -> list[RobotEntry]:
         """Return at most so many robots whose last campaign is outdated."""
         named = sa.select(last_campaigns.c.robot_id).where(sa.text(DUE)).limit(most)
         rows = self._database.rows(self._entries.where(robots.c.id.in_(named)))
         return [RobotEntry(**row._mapping) for row in rows]
 
-    def derive(self, entry: RobotEntry, campaign: dict[str, Any] | None) -> None:
+    def store_last_campaign(self, entry: RobotEntry, campaign: dict[str, Any] | None) -> None:
         """Store the last campaign of a robot, which was derived after its entry was read.
 
         If runs or sets changed since then, the campaign stays marked as outdated.
@@ -528,7 +528,7 @@ class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
 
     def _copied_names(self, record: MeasurementSetRecord, named: Mapping[str, Any]) -> dict[str, str | None]:
         """Return the robot's name and the text for searches, for a new set."""
-        return _names_of_set(record.name, value_of_parent(named, "robot_id"), record.serial_number)
+        return _set_name_columns(record.name, value_of_parent(named, "robot_id"), record.serial_number)
 
     def _rename(self, connection: sa.Connection, identifier: str) -> None:
         """Update the copies of a set's name in its own row and in its jobs."""
@@ -550,7 +550,7 @@ class OpenSets(Collection[OpenSetRecord, OpenSetRecord]):
 
     def _copied_names(self, record: OpenSetRecord, named: Mapping[str, Any]) -> dict[str, str | None]:
         """Return the robot's name and the text for searches, for a new open set."""
-        return _names_of_set(record.name, value_of_parent(named, "robot_id"), None)
+        return _set_name_columns(record.name, value_of_parent(named, "robot_id"), None)
 
     def _delete_related(self, connection: sa.Connection, gone: Sequence[str]) -> None:
         """Delete the entries of removed open sets."""
@@ -570,17 +570,17 @@ def value_of_parent(named: Mapping[str, Any], column: str, name: str = "name") -
     return None if row is None else getattr(row, name)
 
 
-def _names_of_robot(name: str) -> dict[str, str | None]:
+def _robot_name_columns(name: str) -> dict[str, str | None]:
     """Return the columns with copies of names for a robot."""
-    return {"words": words_of(name)}
+    return {"words": search_text_of(name)}
 
 
-def _names_of_set(name: str, robot: str | None, serial_number: str | None) -> dict[str, str | None]:
+def _set_name_columns(name: str, robot: str | None, serial_number: str | None) -> dict[str, str | None]:
     """Return the columns with copies of names for a measurement set, given the robot's name."""
-    return {"robot_name": robot, "words": words_of(name, robot, serial_number)}
+    return {"robot_name": robot, "words": search_text_of(name, robot, serial_number)}
 
 
-def names_of_job(
+def job_name_columns(
     name: str | None, robot: str | None, measurement_set: str | None, serial_number: str | None
 ) -> dict[str, str | None]:
     """Return the columns with copies of names for a job; one without name is sorted by that of its set."""
@@ -588,7 +588,7 @@ def names_of_job(
         "robot_name": robot,
         "measurement_set_name": measurement_set,
         "serial_number": serial_number,
-        "words": words_of(name or measurement_set, robot, serial_number, name and measurement_set),
+        "words": search_text_of(name or measurement_set, robot, serial_number, name and measurement_set),
     }
 
 
@@ -601,12 +601,12 @@ def _set_names_query(table: sa.Table, serial_number: sa.ColumnElement[Any]) -> s
 _NAMES: Final[Mapping[sa.Table, tuple[sa.Select[Any], Callable[..., dict[str, str | None]]]]] = (
     MappingProxyType(
         {
-            robots: (sa.select(robots.c.sequence, robots.c.name), _names_of_robot),
+            robots: (sa.select(robots.c.sequence, robots.c.name), _robot_name_columns),
             measurement_sets: (
                 _set_names_query(measurement_sets, measurement_sets.c.serial_number),
-                _names_of_set,
+                _set_name_columns,
             ),
-            open_sets: (_set_names_query(open_sets, sa.null()), _names_of_set),
+            open_sets: (_set_names_query(open_sets, sa.null()), _set_name_columns),
             jobs: (
                 sa.select(
                     jobs.c.sequence,
@@ -617,7 +617,7 @@ _NAMES: Final[Mapping[sa.Table, tuple[sa.Select[Any], Callable[..., dict[str, st
                 )
                 .outerjoin_from(jobs, robots, robots.c.id == jobs.c.robot_id)
                 .outerjoin(measurement_sets, measurement_sets.c.id == jobs.c.measurement_set_id),
-                names_of_job,
+                job_name_columns,
             ),
         }
     )
@@ -679,7 +679,7 @@ class Journal(Generic[Noted]):
         with self._database.writing() as connection:
             return self._insert(connection, record)
 
-    def of(self, **values: str) -> list[Noted]:
+    def find(self, **values: str) -> list[Noted]:
         """Return the records that have these values in these columns, oldest first."""
         if not all(map(is_indexable, values.values())):
             return []
@@ -692,7 +692,7 @@ class Journal(Generic[Noted]):
         """Return one page of the records with these values in these columns; None allows any value."""
         where = [self._table.c[name] == value for name, value in values.items() if value is not None]
         order = Order(limit, cursor, counted=counted)
-        return page_of(self._database, self._table, self._all, self._record, where, order)
+        return read_page(self._database, self._table, self._all, self._record, where, order)
 
     def _insert(self, connection: sa.Connection, record: Noted) -> Noted:
         """Insert a record and return it."""

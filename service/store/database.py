@@ -214,13 +214,13 @@ class Database:
             ) from error
 
 
-def inserting(connection: sa.Connection, table: sa.Table) -> Any:  # noqa: ANN401 - of either dialect
+def insert_unless_present(connection: sa.Connection, table: sa.Table) -> Any:  # noqa: ANN401 - of either dialect
     """Return a statement that inserts a row, and does nothing if a row with the same key exists."""
     insert = sqlite.insert if connection.dialect.name == "sqlite" else postgresql.insert
     return insert(table).on_conflict_do_nothing()
 
 
-def engine_of(url: str, connections: int) -> sa.Engine:
+def make_engine(url: str, connections: int) -> sa.Engine:
     """Return an engine of SQLAlchemy for a library that keeps its own tables in the same database.
 
     Args:

@@ -13,11 +13,11 @@ import sqlalchemy as sa
 from jointstiff.service.problems import DamagedError, Resource
 from jointstiff.service.store.collection import (
     Collection,
+    job_name_columns,
     mark_campaigns_outdated,
-    names_of_job,
     value_of_parent,
 )
-from jointstiff.service.store.database import BUSY_SECONDS, Database, Quota, inserting
+from jointstiff.service.store.database import BUSY_SECONDS, Database, Quota, insert_unless_present
 from jointstiff.service.store.tables import (
     OPEN_STATES,
     JobEntry,
@@ -133,7 +133,7 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         """Return the names of the job's robot and set, and the text for searches, for a new job."""
         measured = "measurement_set_id"
         serial_number = value_of_parent(named, measured, "serial_number")
-        return names_of_job(
+        return job_name_columns(
             record.name, value_of_parent(named, "robot_id"), value_of_parent(named, measured), serial_number
         )
 
@@ -145,7 +145,7 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         for (robot_id,) in connection.execute(numbers):
             is_robot = last_campaigns.c.robot_id == robot_id
             if not mark_campaigns_outdated(connection, is_robot):
-                first = inserting(connection, last_campaigns).values(robot_id=robot_id, changes=1)
+                first = insert_unless_present(connection, last_campaigns).values(robot_id=robot_id, changes=1)
                 if connection.execute(first).rowcount == 0:  # another process has inserted the row meanwhile
                     mark_campaigns_outdated(connection, is_robot)
 
@@ -177,10 +177,10 @@ class Steps:
         with self._database.writing() as connection:
             if connection.execute(is_active).first() is None:
                 return False
-            connection.execute(inserting(connection, job_steps).values(row))
+            connection.execute(insert_unless_present(connection, job_steps).values(row))
         return True
 
-    def done(self, job_id: str) -> set[int]:
+    def done_starts(self, job_id: str) -> set[int]:
         """Return the first unit of each step of a job that has a stored result."""
         rows = self._database.rows(sa.select(job_steps.c.start).where(job_steps.c.job_id == job_id))
         return {int(row.start) for row in rows}

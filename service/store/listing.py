@@ -40,7 +40,7 @@ class Order:
         return self.sort.removeprefix("-") == "name"
 
 
-def page_of(
+def read_page(
     database: Database,
     table: sa.Table,
     rows: sa.Select[Any],
@@ -97,7 +97,7 @@ def _search_conditions(database: Database, words: sa.Column[Any], q: str) -> lis
     return [find(words, word) > 0 for word in wanted]
 
 
-def words_of(*names: str | None) -> str:
+def search_text_of(*names: str | None) -> str:
     """Return the text for the search of names, with case folded; its first name decides the order by name."""
     return _SEPARATOR.join(_fold_case(name or "")[:_MAX_WORD] for name in names)
 

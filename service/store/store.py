@@ -121,7 +121,7 @@ class Store:
         unfinished = sa.select(jobs.c.id, jobs.c.kind).where(jobs.c.kind.in_(kinds), is_open)
         return {str(row.id): str(row.kind) for row in self._database.rows(unfinished)}
 
-    def going_on(self, job_ids: Ids[str]) -> set[str]:
+    def unfinished_among(self, job_ids: Ids[str]) -> set[str]:
         """Return which of some jobs, given by their ids, have not ended."""
         unfinished = sa.select(jobs.c.id).where(jobs.c.id.in_(job_ids), is_open)
         return {str(row.id) for row in self._database.rows(unfinished)}
@@ -134,7 +134,7 @@ class Store:
         )
         return [TrendEntry(*row) for row in self._database.rows(newest)]
 
-    def sets_of(self, robot_id: str) -> list[MeasurementSetEntry]:
+    def sets_of_robot(self, robot_id: str) -> list[MeasurementSetEntry]:
         """Return the entries of a robot's measurement sets, newest first; without deleted sets."""
         sets = measurement_sets.c
         query = select_fields_of(measurement_sets, MeasurementSetEntry).where(sets.robot_id == robot_id)

@@ -21,7 +21,7 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.live import sources
 from jointstiff.service.live.sources import (
-    Checked,
+    CheckedSource,
     Lines,
     RoboDk,
     Setting,
@@ -231,7 +231,7 @@ def test_udp_is_listened_to_and_what_came_before_does_not_count():
 
     async def read():
         source = Lines(f"udp://127.0.0.1:{port}", sample=False, columns="target,x,y,z", source_unit="m")
-        checked = Checked(source, setting(), 5.0)
+        checked = CheckedSource(source, setting(), 5.0)
         await checked.open()
         with (
             socket.socket(type=socket.SOCK_DGRAM) as sender,
@@ -263,7 +263,7 @@ def test_a_serial_line_is_read_and_hangs_up():
     places = positions(ARM, STAND.joints, STAND.force, sigma=2e-5)["unloaded"]
 
     async def read():
-        checked = Checked(Lines(os.ttyname(slave), sample=False, columns="x,y,z,sigma"), setting(), 5.0)
+        checked = CheckedSource(Lines(os.ttyname(slave), sample=False, columns="x,y,z,sigma"), setting(), 5.0)
         await checked.open()
         reading = asyncio.ensure_future(checked.read(STAND))
         await asyncio.sleep(0.1)
@@ -302,7 +302,7 @@ def shown(*stands, where=None):
     """Read targets as a source shows them, with the load in all postures but the first."""
 
     async def read():
-        checked = Checked(Shown(*stands), where or setting(), 5.0)
+        checked = CheckedSource(Shown(*stands), where or setting(), 5.0)
         return [await checked.read(replace(STAND, loaded=i > 0)) for i, _ in enumerate(stands)]
 
     return asyncio.run(read())
