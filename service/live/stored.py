@@ -1,4 +1,4 @@
-"""Open sets of a store: declared, read one observation at a time, and closed to ordinary sets."""
+"""Live campaigns of a store (open sets): declared, measured one observation at a time, and closed."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from jointstiff.service.store.tables import AccessKey, IdempotencyKey, LiveEntry
 from jointstiff.solver.errors import RequestError
 
 _CAMPAIGNS: Final = 64
-"""Open sets that are kept ready."""
+"""Greatest number of live campaigns that are kept in memory."""
 _ENTRY: Final = TypeAdapter(Entry)
 _FINDINGS: Final = TypeAdapter(list[Finding])
 
@@ -44,10 +44,10 @@ CreateRun = Callable[[RunRequest, IdempotencyKey, AccessKey | None], str]
 
 
 class OpenSets:
-    """The open sets of a store."""
+    """The live campaigns of a store: measurement sets that are open for further observations."""
 
     def __init__(self, resources: Resources, create_run: CreateRun) -> None:
-        """Serve the open sets of a store; `create_run` stores the run that identifies a closed set."""
+        """Serve the live campaigns of a store; `create_run` stores the run that identifies a closed set."""
         self._resources, self._store, self._create_run = resources, resources.store, create_run
         self._declared = lru_cache(_CAMPAIGNS)(self._load_declaration)
         self._ready: dict[str, LiveCampaign] = {}
@@ -70,7 +70,7 @@ class OpenSets:
         resolved, noticed = resolve_frame(self._store, header)
         robot, _ = self._resources.robot(robot_id, "robot_id")
         campaign = LiveCampaign(Declared(robot, header, resolved, noticed))
-        _ = campaign.declared.ahead  # raises an error now if no reading is feasible
+        _ = campaign.declared.ahead  # computed here to raise the error if no reading is feasible
         for observation in request.observations:
             campaign = campaign.with_entry(campaign.compare_with_prediction(observation))
         record = OpenSetRecord(
@@ -89,12 +89,12 @@ class OpenSets:
         return stored.id
 
     def observe(self, set_id: str, observation: Observation, by: AccessKey | None) -> live.LiveState:
-        """Add an observation to an open set; return the state of the set. A repeated call changes nothing.
+        """Add an observation to an open set; return the new state. A repeated call changes nothing.
 
         Raises:
             NotFoundError: there is no such open set.
             ClosedError: the set is closed.
-            LabelTakenError: the set has a different observation of this label.
+            LabelTakenError: the set has a different observation with this label.
             MeasurementError: the observation cannot be right.
         """
         entry = self._campaign(set_id).compare_with_prediction(observation)
@@ -114,13 +114,13 @@ class OpenSets:
             self._add_entry(set_id, entry, by)
 
     def close(self, set_id: str, by: AccessKey | None) -> live.LiveState:
-        """Turn an open set into an ordinary measurement set, and create its run; return the last state.
+        """Turn an open set into an ordinary measurement set, and create its run; return the final state.
 
-        A repeated call creates nothing again.
+        A repeated call creates no second set and no second run.
 
         Raises:
             NotFoundError: there is no such open set.
-            RequestError: the set has no observation that counts.
+            RequestError: the set has no observation in use.
             JointstiffError: the run cannot be created; the measurement set is stored nevertheless.
         """
         campaign = self._campaign(set_id)
@@ -138,7 +138,11 @@ class OpenSets:
         return self.state(set_id)
 
     def state(self, set_id: str) -> live.LiveState:
-        """Return the state of a set with the next reading, or once closed its run; raises `NotFoundError`."""
+        """Return the state of a set: with its next reading, or with its run if the set is closed.
+
+        Raises:
+            NotFoundError: there is no such open set.
+        """
         campaign = self._campaign(set_id)
         if not campaign.closed:
             return campaign.state()
@@ -146,11 +150,11 @@ class OpenSets:
         return campaign.state(set_id if run_id else None, run_id)
 
     def revision(self, set_id: str) -> int:
-        """Return the number of entries in the record of a set; raises `NotFoundError`."""
+        """Return the number of entries in the record of a set; raise `NotFoundError` if there is no such set."""
         return len(self._campaign(set_id).entries)
 
     def document(self, set_id: str) -> live.MeasurementSet:
-        """Return a set with its readings so far; raises `NotFoundError`."""
+        """Return a set with its readings so far; raise `NotFoundError` if there is no such set."""
         record, campaign = self._store.open_sets.get(set_id), self._campaign(set_id)
         declared = campaign.declared
         fields = {name: getattr(declared.header, name) for name in MeasurementSetHeader.model_fields}
@@ -168,7 +172,7 @@ class OpenSets:
         )
 
     def page(self, query: SetQuery) -> Page[MeasurementSetSummary]:
-        """Return one page of the sets that are not closed; filters that they do not have are ignored."""
+        """Return one page of the sets that are not closed; filters that open sets lack are ignored."""
         page = self._store.open_sets.page(**OpenSetQuery.of(query).listing())
         return Page(items=[self.summary(each) for each in page.records], next=page.next, total=page.total)
 
@@ -195,7 +199,7 @@ class OpenSets:
         return False
 
     def apply_change(self, set_id: str, change: SetChange, by: AccessKey | None) -> MeasurementSetSummary:
-        """Change the record of an open set, delete the set or restore it; return its summary.
+        """Apply a change to an open set: decisions about observations, deletion or restoration; return its summary.
 
         Raises:
             NotFoundError: there is no such open set, or it was deleted.
@@ -219,7 +223,7 @@ class OpenSets:
         return summary
 
     def _is_stored(self, set_id: str) -> bool:
-        """Return whether the ordinary measurement set of a closed set exists."""
+        """Return whether a closed set was stored as an ordinary measurement set."""
         with suppress(NotFoundError):
             return bool(self._store.sets.get(set_id))
         return False
@@ -231,7 +235,7 @@ class OpenSets:
         return self._create_run(RunRequest(measurement_set_id=set_id, **campaign.run_options), key, by)
 
     def _campaign(self, set_id: str) -> LiveCampaign:
-        """Return a campaign with all entries of its record; only entries since the last call are added.
+        """Return a live campaign with all entries of its record; entries read before come from memory.
 
         Raises:
             NotFoundError: there is no such open set, or it was deleted.
@@ -251,7 +255,10 @@ class OpenSets:
         return ready
 
     def _add_entry(self, set_id: str, entry: Entry, by: AccessKey | None) -> Entry:
-        """Add an entry to the record of a set; return it, or the stored entry of the same kind and label."""
+        """Add an entry to the record of a set and return the entry.
+
+        If an entry of the same kind and label is stored, that entry is returned and nothing is added.
+        """
         record = LiveEntry(
             set_id=set_id,
             change=entry.change,
@@ -273,7 +280,7 @@ class OpenSets:
         return Declared(robot, header, resolved, _FINDINGS.validate_json(record.warnings))
 
     def _complete_by_plan(self, options: live.LiveOptions, robot_id: str) -> tuple[live.LiveOptions, str]:
-        """Return options completed by those of the plan that they name, and the id of the robot.
+        """Return live options, completed from the plan that they name, and `robot_id` unchanged.
 
         Raises:
             RequestError: the plan does not exist, or has no result.
@@ -302,7 +309,7 @@ class OpenSets:
 
 
 def _planned_load(result: PlanResult) -> DeadWeight | AnyDirection | None:
-    """Return the load of a plan's readings: a dead weight if all forces point down; None without forces."""
+    """Return the load of a plan: a dead weight if all its forces point down; None if all forces are zero."""
     forces = [reading.force for reading in result.readings]
     size = max((math.hypot(*force) for force in forces), default=0.0)
     if size == 0.0:

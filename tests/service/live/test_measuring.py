@@ -83,7 +83,7 @@ def test_a_campaign_is_measured_by_its_source_until_its_goal_is_reached(campaign
 def test_a_mistake_at_the_first_reading_is_withdrawn_once_the_others_show_it(campaign):
     """Targets exchanged by hand, before a source reads the rest."""
     with jointstiff.measure(campaign, goal="15 %", source="simulated:1") as live:
-        stiffness = sources.plausible_stiffness(setting().robot, np.random.default_rng(1))
+        stiffness = sources.draw_plausible_stiffness(setting().robot, np.random.default_rng(1))
         first, arm = live.next, replace(ARM, stiffnesses=stiffness)
         places = positions(arm, first.joints, first.force, sigma=2e-5)
         order = ["P11", "P10", *list(TARGETS)[2:]]
@@ -314,8 +314,8 @@ def shown(*stands, where=None):
         ([THERE + 0.099 * UP], [THERE + 0.101 * UP], "P10 is 0.101 m from where the robot holds it"),
         ([THERE + 0.009 * LONGER], [THERE + 0.011 * LONGER], "P11 is .* mm from P10"),
         ([THERE, THERE - 0.049 * UP], [THERE, THERE - 0.051 * UP], "P10 is 51 mm from where it was without"),
-        ([THERE, THERE + 1e-9], [THERE, THERE], "P10: the source repeats an earlier reading"),
-        ([THERE], [THERE[[0, 0]]], "P11: the source repeats an earlier reading"),
+        ([THERE, THERE + 1e-9], [THERE, THERE], "P10: the source sent exactly the same position as in an earlier reading"),
+        ([THERE], [THERE[[0, 0]]], "P11: the source sent exactly the same position as in an earlier reading"),
     ],
     ids=["astray", "longer", "deflected", "repeated", "one for another"],
 )

@@ -42,7 +42,7 @@ from jointstiff.service.reports.run import (
     build_results_section,
     build_run_report,
     build_uncertainty_section,
-    predicted_compliance,
+    predict_flange_compliance,
 )
 from jointstiff.service.tables.table import Area, Chart, Sheet
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -171,8 +171,8 @@ def test_a_run_that_is_not_to_be_used_predicts_nothing(subject, campaign, run):
     refuted = run.result.assessment.model_copy(update={"verdict": "do_not_use", "reasons": [reason]})
     result = run.result.model_copy(update={"assessment": refuted})
     other = subject_of(campaign, run.model_copy(update={"result": result}))
-    assert len(predicted_compliance(subject)) == 3
-    assert predicted_compliance(other) == []
+    assert len(predict_flange_compliance(subject)) == 3
+    assert predict_flange_compliance(other) == []
 
 
 def test_the_room_is_no_condition_of_the_item(signed):
@@ -352,7 +352,7 @@ def test_the_compliance_of_the_flange_is_called_predicted_and_is_that_of_the_spr
     values, lengths = quantities[:, :3], quantities[:, 3]
     np.testing.assert_allclose(lengths, np.linalg.norm(values, axis=1), rtol=1e-12)
     assert all(text.startswith("Length of the predicted") for text in quantity_names[3::4])
-    budgets = [case.budget for case in predicted_compliance(certified) if case.displacement is not None]
+    budgets = [case.budget for case in predict_flange_compliance(certified) if case.displacement is not None]
     stated = [float(text) for text in texts(result, ".//si:valueExpandedMU")]
     np.testing.assert_allclose(stated, [each.expanded_with_model_error / 100.0 for each in budgets])
     forces = [text.split()[-1] for text in quantity_names[::4]]
