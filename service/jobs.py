@@ -244,7 +244,7 @@ class Jobs:
         self._end_job(job_id, final_state(error), {"result": result, "error": error}, provenance)
 
     def fail(self, job_id: str, failure: Exception) -> None:
-        """End a job as failed, with the problem details of an exception; nothing changes if the job has ended."""
+        """End a job as failed, with the problem details of an exception; do nothing if it has ended."""
         if not self.records.is_active(job_id):
             return
         if isinstance(failure, JointstiffError | WorkerLostError):
@@ -293,7 +293,7 @@ class Jobs:
         """
 
         def final_columns(before: JobRecord, done_units: int) -> dict[str, Any]:
-            """Return the changed columns of the ended job, given its stored record and the number of done units."""
+            """Return the columns to change when the job ends, given its record and its number of done units."""
             try:
                 job = self._read_job(before)
             except ValidationError:

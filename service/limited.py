@@ -48,8 +48,8 @@ _PATHS: Final = frozenset(
 )
 """Addresses whose large bodies the child processes."""
 _ALWAYS: Final = frozenset({"/v1/geometries", "/v1/programs"})
-"""Addresses whose bodies of any size the child processes: program texts written elsewhere, and fits whose time
-grows with the cube of the number of positions."""
+"""Addresses whose bodies of any size the child processes: program texts written elsewhere, and fits whose
+time grows with the cube of the number of positions."""
 _ARCHIVE: Final = b"PK\x03\x04"
 START_SECONDS: Final = 60.0
 """Time that a body waits for the child to start [s]."""
@@ -88,8 +88,7 @@ FORWARDED: Final = TypeAdapter(Forwarded)
 
 
 def belongs_to_child(path: str, content: bytes) -> bool:
-    """Return whether the child must answer a request: this depends on its path, and on size and type of its
-    body `content`."""
+    """Return whether the child must answer a request, given its path and its body `content`."""
     return path in _ALWAYS or (path in _PATHS and (len(content) > LIMITED_BYTES or _ARCHIVE in content))
 
 
@@ -258,7 +257,7 @@ async def _get_answer_of_app(app: FastAPI, forwarded: Forwarded, content: bytes)
         await app(forwarded.scope(), receive, send)
     except Exception as error:
         if isinstance(error, MemoryError) or str(error) == _NO_THREAD or not sent:
-            raise  # ends this process, and the service answers 413; other errors have been logged and answered
+            raise  # ends this process: the service answers 413; other errors were logged and answered
     return sent[0], b"".join(message.get("body", b"") for message in sent[1:])
 
 

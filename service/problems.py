@@ -78,7 +78,7 @@ class Resource(NamedTuple):
         return f"/v1/jobs?kind={self.name}"
 
     def change_request(self, identifier: str, change: str) -> str:
-        """Return the text of the HTTP request that changes a resource: method, address, JSON body `change`."""
+        """Return the HTTP request that changes a resource as text: method, address and body {`change`}."""
         collection = self.collection if self.collection in _CHANGED else "jobs"
         return f"PATCH /v1/{collection}/{identifier} {{{change}}}"
 
@@ -432,7 +432,7 @@ _WORDING: Final = tuple(
         (r"\w+ should have at (least|most) (.+)", r"must have at \1 \2"),
     )
 )
-"""Patterns of pydantic's messages with our words for them: the first match counts; other messages are kept."""
+"""Patterns of pydantic's messages with our words for them: the first match counts; others are kept."""
 
 
 def problem_from_error(error: JointstiffError | StoreError) -> Problem:

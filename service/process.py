@@ -39,8 +39,8 @@ ONE_THREAD: Final = MappingProxyType(
     dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     | {name: str(value) for name, (_, value) in _SETTINGS.items()}
 )
-"""Environment variables of a process. The matrices are small: more threads of linear algebra cost more than they
-gain, and with several processes they compete for the processors."""
+"""Environment variables of a process. The matrices are small: more threads of linear algebra cost more than
+they gain, and with several processes they compete for the processors."""
 
 
 _NEW_OBJECTS: Final = 50_000

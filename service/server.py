@@ -60,8 +60,8 @@ _UNCONTROLLED: Final = (
 
 
 PROXIES_VARIABLE: Final = "FORWARDED_ALLOW_IPS"
-"""Environment variable with the addresses of proxies whose statement of a client's address is trusted; uvicorn
-reads it."""
+"""Environment variable with the addresses of proxies whose statement of a client's address is trusted;
+uvicorn reads it."""
 
 
 class ServerError(ServiceError):
@@ -154,7 +154,7 @@ def _configure_uvicorn(app: ASGIApp, log_format: LogFormat) -> uvicorn.Config:
 
 
 def _gauge_values(app: FastAPI, server: uvicorn.Server) -> dict[str, float]:
-    """Return name → value of the gauges among the metrics; values of the store are those of its last check."""
+    """Return name → value of the gauges among the metrics; the store was read at its last check."""
     last_check = app.state.watch.seen
     state: dict[str, float] = {
         "database_up": last_check is not None and last_check.error is None,
@@ -175,7 +175,7 @@ def _gauge_values(app: FastAPI, server: uvicorn.Server) -> dict[str, float]:
 def make_heartbeat_remover(store: Store) -> Callable[[str], None]:
     """Return a function that removes the heartbeat of a worker that ended, given its name.
 
-    The function does nothing if the database does not answer: a worker without heartbeats counts as dead soon.
+    The function does nothing if the database does not answer: a silent worker soon counts as dead anyway.
     """
 
     def forget(worker: str) -> None:

@@ -128,7 +128,7 @@ class Declared:
         return Ahead.of(self.robot, request, None if force is None else np.array(force))
 
     def document(self, observations: Sequence[Observation]) -> MeasurementSetDocument:
-        """Return a measurement set of some observations, without validation: each was checked when it arrived."""
+        """Return a measurement set of observations, without validation: each was checked on arrival."""
         fields = {name: getattr(self.header, name) for name in MeasurementSetDocument.model_fields}
         return MeasurementSetDocument.model_construct(**{**fields, "observations": list(observations)})
 
@@ -155,7 +155,7 @@ class LiveCampaign:
         object.__setattr__(self, "entry_by_label", named)
 
     def with_entry(self, entry: Entry) -> LiveCampaign:
-        """Return the campaign with one more entry; an entry object that is in the record is not added again."""
+        """Return the campaign with one more entry; an entry object in the record is not added again."""
         if any(entry is each for each in self.entries):
             return self
         return LiveCampaign(self.declared, (*self.entries, entry))
@@ -180,7 +180,7 @@ class LiveCampaign:
         return bool(self._entries_by_label("closed"))
 
     def compare_with_prediction(self, observation: Observation) -> Entry:
-        """Return the entry for an observation, with its difference from the prediction if the observation is new.
+        """Return the entry for an observation, with its difference from the prediction if it is new.
 
         The prediction is made from the earlier observations in use; the first observation has none.
 
@@ -348,7 +348,7 @@ class LiveCampaign:
         ]
 
     def summary(self) -> str:
-        """Return lines for the report: goal, outcome, check reading, prior knowledge, readings withdrawn or kept."""
+        """Return lines for the report: goal, outcome, check reading, priors, readings withdrawn or kept."""
         readings = self._list_readings()
         lines = [f"Measured live. Declared goal: {describe_goal(self.declared.options)}."]
         open_entries = tuple(entry for entry in self.entries if entry.change != "closed")

@@ -38,8 +38,8 @@ def read_goal(goal: str | Goal | Mapping[str, Any], force: Vector3 | None = None
     """Return a goal as a message, read from words, from a document or from a message.
 
     Args:
-        goal: words: `15 %` (of each stiffness), `6 um` (of the deflection) or `below 0.5 mm`; or a document, or a
-            message, which is returned unchanged.
+        goal: words: `15 %` (of each stiffness), `6 um` (of the deflection) or `below 0.5 mm`; or a document,
+            or a message, which is returned unchanged.
         force: force for which the deflection is predicted, axes of R0 [N]; None for the force of the load.
 
     Raises:
@@ -55,7 +55,7 @@ def read_goal(goal: str | Goal | Mapping[str, Any], force: Vector3 | None = None
 
 @dataclass(frozen=True)
 class Scales:
-    """Sizes of a measurement set's units in SI units: a number in SI units over the size is in the set's unit."""
+    """Sizes of a measurement set's units in SI units; a number in SI units is divided by the size."""
 
     length: float  # [m]
     force: float  # [N]
@@ -116,8 +116,8 @@ def complete_targets_and_load_point(post: OpenPost, options: LiveOptions) -> Ope
     """Return the declaration of a live campaign with targets and load point in both of their places.
 
     Args:
-        post: declaration, in units of its own; its `flange_targets` and `load_point` are copied to the options
-            [m] if they have none.
+        post: declaration, in units of its own; its `flange_targets` and `load_point` are copied to the
+            options [m] if they have none.
         options: live options of the declaration; their load point [m] is copied to `post` if it has none.
     """
     length = LENGTH[post.units.length]
@@ -140,8 +140,8 @@ def _derive_live_options(
 ) -> dict[str, Any]:
     """Derive live options from an earlier campaign: load, targets, load point and work area.
 
-    The load is a dead weight if all forces point down, and the own weight if all forces are zero. Targets nearer
-    than 1 µm to each other are one target. Goals for joints need no work area.
+    The load is a dead weight if all forces point down, and the own weight if all forces are zero. Targets
+    nearer than 1 µm to each other are one target. Goals for joints need no work area.
     """
     m = measurements
     size = np.linalg.norm(measurements.force, axis=1)  # (N,) [N]

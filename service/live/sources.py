@@ -3,8 +3,8 @@
 A source is a class whose constructor takes the address, which is the text after the name of the source:
 `tcp://host:port` in `lines:tcp://host:port`. One method is required: ``async def point(name)`` returns the
 position of a target [m], in R0 or in the frame that the campaign states, and its standard uncertainty [m], or
-None for that of the campaign. `Source` defines the optional methods; the entry points `jointstiff.sources` name
-source classes of other packages.
+None for that of the campaign. `Source` defines the optional methods; the entry points `jointstiff.sources`
+name source classes of other packages.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ class Source(ABC):
 
 
 def make_source(text: str, options: Mapping[str, Any]) -> Source:
-    """Make a source from a text `NAME:ADDRESS`, such as `simulated:1`; options that are None are not passed on.
+    """Make a source from a text `NAME:ADDRESS`, such as `simulated:1`; options that are None are ignored.
 
     Raises:
         RequestError: no source has this name, or the source does not take an option.
@@ -198,7 +198,7 @@ class CheckedSource:
         return points
 
     async def _call_if_defined(self, method_name: str, *arguments: object) -> Any:  # noqa: ANN401 - whatever a source answers
-        """Call a method of the source, given its name, and return its answer; None if the source lacks the method.
+        """Call a method of the source and return its answer; None if the source lacks the method.
 
         Raises:
             SourceError: the source does not answer in time, or cannot be reached.
@@ -285,7 +285,8 @@ class CheckedSource:
         astray = float(np.linalg.norm(setting.to_base(place) - expected))
         if astray > _ASTRAY:
             raise SourceError(
-                f"the source has jumped: {name} is {astray:.3g} m from the position where the robot must hold it",
+                f"the source has jumped: {name} is {astray:.3g} m from the "
+                "position where the robot must hold it",
                 remedy="check the posture, and the frame and the unit of the readings, then read again",
             )
 
@@ -308,7 +309,7 @@ class Simulated(Source):
     by_itself = True
 
     def __init__(self, address: str = "") -> None:
-        """Use the address as the seed of the random stiffnesses and the noise; an empty address is the seed 1.
+        """Use the address as the seed of stiffnesses and noise; an empty address is the seed 1.
 
         Raises:
             RequestError: the address is not a whole number.
@@ -405,7 +406,7 @@ class Profile:
 
     @classmethod
     def from_options(cls, pattern: str | None, columns: str | None, unit: str) -> Profile:
-        """Return the profile for a regular expression, or for names of columns, or else for lines `[target] x y z`.
+        """Return the profile for a regular expression or names of columns, else for lines `[target] x y z`.
 
         Raises:
             RequestError: x, y and z are not named, both are given, or the unit is unknown.
@@ -504,7 +505,7 @@ class Lines(Source):
 
         Args:
             address: file of a serial line, `tcp://host:port`, or `udp://[host]:port` to listen at.
-            pattern: regular expression with the named groups x, y and z; groups target and sigma are optional.
+            pattern: regular expression with the groups x, y and z; the groups target and sigma are optional.
             columns: names of columns in order, such as `target,x,y,z`; default: x,y,z or target,x,y,z.
             source_unit: unit of lengths, mm, m, um or in.
             request: text that is sent, with a newline, before each reading; {target}, {state}, {label},
@@ -552,7 +553,7 @@ class Lines(Source):
         await self._connect()
 
     async def profile(self) -> str | None:
-        """Describe how lines are read; unless `sample` is False, with the first line that is a reading as example."""
+        """Describe how lines are read; if `sample` is True, with the first reading as an example."""
         if not self._sample:
             return self._profile.describe(None)
         self._request_reading(self._first)
@@ -779,7 +780,7 @@ class RoboDk(Source):
         }
 
     async def point(self, name: str) -> Point:
-        """Measure a target; the tracker searches at its expected position. Return its position [m] and None."""
+        """Measure a target near its expected position; return its position [m] and None."""
         measured = await asyncio.to_thread(self._link.LaserTracker_Measure, self._expected[name], True)
         if measured is None:
             raise SourceError(

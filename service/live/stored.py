@@ -150,7 +150,7 @@ class OpenSets:
         return campaign.state(set_id if run_id else None, run_id)
 
     def revision(self, set_id: str) -> int:
-        """Return the number of entries in the record of a set; raise `NotFoundError` if there is no such set."""
+        """Return the number of entries in the record of a set; raise `NotFoundError` for an unknown id."""
         return len(self._campaign(set_id).entries)
 
     def document(self, set_id: str) -> live.MeasurementSet:
@@ -199,7 +199,7 @@ class OpenSets:
         return False
 
     def apply_change(self, set_id: str, change: SetChange, by: AccessKey | None) -> MeasurementSetSummary:
-        """Apply a change to an open set: decisions about observations, deletion or restoration; return its summary.
+        """Apply a change to an open set: decisions, deletion or restoration; return its summary.
 
         Raises:
             NotFoundError: there is no such open set, or it was deleted.

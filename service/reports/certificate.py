@@ -82,7 +82,7 @@ def build_certificate(subject: report.RunSubject) -> bytes:
 def _require_certificate_facts(subject: report.RunSubject) -> tuple[Laboratory, date, date]:
     """Return the laboratory, and the first and the last day of the measurement (UTC).
 
-    `ended_on` is a day of the local calendar: if it is a day before the first day in UTC, it is returned for both.
+    `ended_on` is a day of the local calendar: a day before the first day in UTC is returned for both.
 
     Raises:
         RequestError: country, responsible person or time is missing, or the end comes before the beginning.
@@ -167,7 +167,9 @@ def _write_results(measured: Element, subject: report.RunSubject, laboratory: La
     if cases:
         result = _append(results, "dcc:result")
         _append_text(result, "dcc:name", report.PREDICTED)
-        remark = "" if all(case.budget for case in cases) else " No uncertainty is stated of these predictions."
+        remark = (
+            "" if all(case.budget for case in cases) else " No uncertainty is stated of these predictions."
+        )
         _append_text(result, "dcc:description", f"{report.describe_prediction(subject)}{remark}")
         data = _append(result, "dcc:data")
         for case in cases:
@@ -245,7 +247,7 @@ def _qualified_name(tag: str) -> str:
 
 
 def _append(parent: Element, *tags: str) -> Element:
-    """Append nested elements, the first to `parent`, each other to the element before; return the innermost."""
+    """Append nested elements: each tag is a child of the one before; return the innermost element."""
     for tag in tags:
         parent = ElementTree.SubElement(parent, _qualified_name(tag))
     return parent

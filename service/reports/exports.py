@@ -53,7 +53,7 @@ class ExportedModel:
         return self.robot.chain
 
     def springs(self) -> Iterator[tuple[ChainJoint, JointResult, float | None]]:
-        """Yield (moving joint, its result, its stiffness in SI units or None if not positive) for all joints."""
+        """Yield (moving joint, its result, its stiffness in SI units; None if not positive)."""
         for joint, result in zip(self.chain.moving, self.result.joints, strict=True):
             yield joint, result, stiffness_of(result)
 
@@ -266,8 +266,8 @@ def write_mjcf(model: ExportedModel) -> bytes:
     """Return a MuJoCo model (MJCF) of hinges, slides and position actuators; the world frame is R0."""
     root = ElementTree.Element("mujoco", model=model.name)
     add_remarks(root, model, _ACTUATORS, _RIGID_JOINTS, PLACEHOLDERS)
-    # `eulerseq` in capital letters: roll, pitch and yaw turn about fixed axes. MuJoCo requires that moving bodies
-    # have mass and inertia: placeholders of 1.
+    # `eulerseq` in capital letters: roll, pitch and yaw turn about fixed axes. MuJoCo requires that moving
+    # bodies have mass and inertia: placeholders of 1.
     add_element(
         root, "compiler", angle="radian", eulerseq="XYZ", autolimits="true", boundmass="1", boundinertia="1"
     )

@@ -68,7 +68,7 @@ def lay_out_job(
 
 
 def joint_kinds_in(job: Job) -> dict[str, JointKind]:
-    """Return joint name → kind if a joint is prismatic; empty for revolute joints only, or without a result."""
+    """Return joint name → kind if a joint is prismatic; empty if all are revolute, or without a result."""
     kinds: dict[str, JointKind] = getattr(job.result, "joint_kinds", {})
     return kinds
 

@@ -89,7 +89,7 @@ def _read_logo(folder: Path, name: str) -> Logo:
     """Read a logo, a PNG or JPEG file in the folder of the settings.
 
     Raises:
-        SettingsError: the name is not that of a file in the folder, or the file is no PNG or JPEG, or too large.
+        SettingsError: the name is not a plain file name, or the file is no PNG or JPEG, or too large.
     """
     if name != PurePosixPath(name).name or name != PureWindowsPath(name).name or name in {".", ".."}:
         raise SettingsError(
@@ -103,7 +103,10 @@ def _read_logo(folder: Path, name: str) -> Logo:
     kind: Literal["png", "jpg"] = "png" if content.startswith(_PNG) else "jpg"
     size = _image_size(content)
     if size is None:
-        raise SettingsError(f"logo: the file {name!r} is neither a PNG nor a JPEG picture", "convert it to PNG; SVG is refused")
+        raise SettingsError(
+            f"logo: the file {name!r} is neither a PNG nor a JPEG picture",
+            "convert it to PNG; SVG is refused",
+        )
     if not 1 <= min(size) <= max(size) <= MAX_LOGO_SIDE:
         raise SettingsError(
             f"logo: {name!r} has {size[0]} × {size[1]} pixels",

@@ -80,7 +80,7 @@ _NAMES = 90.0
 _MOST_BARS = 60
 _SERIES = (PALE, MARK, "#d08a2e", "#5a8f5a", "#8a5a8f", "#a04545", "#4a4a4a", "#c9b458")
 _LABEL_DISTANCE = 12.0
-"""Least distance of two joints in the picture with labels of their own; nearer joints share a label [points]."""
+"""Least distance of two joints in the picture with separate labels; nearer joints share one [points]."""
 
 
 def draw_intervals(joints: Sequence[JointResult], confidence: float) -> Picture | None:
@@ -210,7 +210,9 @@ def draw_arm(robot: Robot, joints: Sequence[float]) -> Picture | None:
     for number, point in enumerate(arm[1:-1], 1):
         drawing.dot(*to_drawing(point))
         x, y = to_drawing(point)
-        near = next((i for i, each in enumerate(labels) if hypot(x - each[0], y - each[1]) < _LABEL_DISTANCE), None)
+        near = next(
+            (i for i, each in enumerate(labels) if hypot(x - each[0], y - each[1]) < _LABEL_DISTANCE), None
+        )
         if near is None:
             labels.append((x, y, str(number)))
         else:

@@ -120,7 +120,7 @@ class RunSubject:
     settings: LaboratorySettings  # settings of the laboratory
 
     def run_json(self) -> bytes:
-        """Return the JSON of the run for the attachment; a large run without its lists for each observation."""
+        """Return the JSON of the run to attach; for a large run without the lists of its observations."""
         run = self.model.run
         whole = run.model_dump_json().encode()
         if len(whole) <= MAX_ATTACHED_BYTES or run.result is None:

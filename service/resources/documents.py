@@ -43,8 +43,8 @@ def read_document(path: Path, message: type[Document], section: str | None = Non
     Args:
         path: path of the file.
         message: class of the message.
-        section: key of the message in a larger document, such as `robot` in a campaign; the file may also hold
-            the message alone.
+        section: key of the message in a larger document, such as `robot` in a campaign; the file may also
+            hold the message alone.
 
     Raises:
         CampaignError: the file is too large, or holds no such message.
@@ -226,7 +226,7 @@ def read_planned(source: Any) -> Any:  # noqa: ANN401 - robot, campaign or run
     the name of an arm in the catalogue.
 
     Raises:
-        CampaignError: the file is too large, or has no robot and no campaign; or no file and no arm has the name.
+        CampaignError: the file is too large, or has no robot or campaign; or no file or arm has this name.
     """
     if isinstance(source, Mapping):
         return parse_document(source, Campaign if "measurement_set" in source else RobotDocument)

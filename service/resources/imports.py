@@ -153,7 +153,9 @@ def _missing_fields(
     """
     first, states = understood.observations[0], understood.preview.states
     unusual = [] if request.accept_unusual else _describe_unusual_values(understood, request)
-    confirmation = f"a confirmation (`accept_unusual`) that this is right: {'; '.join(unusual[:MAX_PREVIEW_ROWS])}"
+    confirmation = (
+        f"a confirmation (`accept_unusual`) that this is right: {'; '.join(unusual[:MAX_PREVIEW_ROWS])}"
+    )
     stated, unit = request.force is not None, None if request.units is None else request.units.force
     joints = "joint angles of each observation: columns `J1 [deg]`, `J2 [deg]`, … (lengths as `J3 [mm]`)"
     forces = "the force of each observation: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one `force`"
@@ -182,7 +184,7 @@ def _missing_fields(
 
 
 def _describe_unusual_values(understood: Understood, request: ImportRequest) -> list[str]:
-    """Describe values that a person must confirm: values far from all others, or a load point out of reach."""
+    """Describe values that a person must confirm: far from all others, or a load point out of reach."""
     stated, unit = _length_units(understood, request)
     read = [point for one in understood.observations if (point := one.vector("load point"))]
     points = [hypot(*_convert_lengths(point, unit, "m", "load_point")) for point in read]
@@ -225,7 +227,7 @@ def _inspect_set(
 
 
 def _length_units(understood: Understood, request: ImportRequest) -> tuple[str, str]:
-    """Return (unit of length of the request, unit of length of the files); the first is by default the second."""
+    """Return (unit of length of the request, of the files); by default the request has that of the files."""
     unit_of_files = understood.units.get("length", "mm")
     return request.length_unit or unit_of_files, unit_of_files
 
@@ -305,7 +307,7 @@ def _build_measurement_set(
 
 
 def _build_observation(one: Gathered, force: Vector3 | None) -> Observation:
-    """Return an observation from the values gathered in the files; `force` is used if the files have no force."""
+    """Return an observation from the values gathered in the files; `force` replaces a missing force."""
 
     def vector(kind: Kind) -> Vector3 | None:
         """Return the vector of a kind, such as `moment`; None if the files have none."""

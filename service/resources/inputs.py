@@ -130,7 +130,7 @@ class InMemoryInputs:
         return prepare_set(kept, robot, prepared.robot_id, catalogue_robots())
 
     def named_sets(self, set_ids: Sequence[str] | None, where: str) -> list[NamedSet]:
-        """Return ids and names of measurement sets; with `set_ids` None of all sets, as each has a robot of its own."""
+        """Return ids and names of measurement sets; with `set_ids` None of all sets."""
         named = []
         for i, set_id in enumerate(self._sets if set_ids is None else set_ids):
             content = self.measured(set_id, f"{where}[{i}]").content

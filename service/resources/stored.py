@@ -174,7 +174,7 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
         return self.load(robot_id or "")[0]
 
     def known(self) -> Iterator[KnownRobot]:
-        """Yield robots that may have been measured by mistake: the latest stored robots, then catalogue arms."""
+        """Yield robots that may have been measured by mistake: the latest stored, then catalogue arms."""
         page = self._store.robots.page(limit=_ROBOTS)
         for record in page.records:
             yield KnownRobot(record.name, self.load(record.id)[0], record.id)
@@ -258,7 +258,7 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
         key: IdempotencyKey | None,
         identifier: str | None = None,
     ) -> MeasurementSetRecord:
-        """Check a measurement set, inspect it for mistakes, and store it with the findings; return its record.
+        """Check a measurement set, inspect it for mistakes and store it with findings; return its record.
 
         Args:
             request: robot and readings.
@@ -396,7 +396,7 @@ class Resources:
         ]
 
     def _find_last_sets_with_loads(self) -> list[str]:
-        """Return for each robot the id of its last measured set with loads; robots without such a set are left out."""
+        """Return for each robot the id of its last measured set with loads; others are left out."""
         # Each round loads, for each robot still without a set with loads, the newest set not examined yet.
         waiting, found = self.store.sets.list_by_robot(), dict[str, str]()
         order = list(waiting)
@@ -410,7 +410,7 @@ class Resources:
         return [found[robot_id] for robot_id in order if robot_id in found]
 
     def job_summaries(self, message: type[Job], robot_id: str) -> Iterator[Mapping[str, Any]]:
-        """Yield summaries of a robot's newest jobs, at most 1,000; `message` is the message class of the jobs."""
+        """Yield summaries of a robot's newest jobs, at most 1,000; `message` is their message class."""
         jobs, cursor = self.store.jobs(Resource(message.kind_name(), message.collection)), None
         for _ in range(10):
             page = jobs.page(limit=100, cursor=cursor, filters={"robot_id": robot_id})
@@ -448,7 +448,7 @@ def resolve_frame(store: Store, request: MeasurementSetRequest) -> tuple[Resolve
     """Return the transform from the frame of a set's readings to R0, and warnings about drift.
 
     Returns:
-        The transform (None if the readings are in R0), and warnings about a drift that the transform corrects.
+        The transform (None if the readings are in R0), and warnings about a drift that it corrects.
 
     Raises:
         MeasurementError: the stated rotation is not a rotation, or base targets cannot be compared.

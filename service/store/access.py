@@ -91,7 +91,7 @@ class Sessions:
         self._longest = longest
 
     def begin(self, session: SessionRecord) -> None:
-        """Store a new session; remove ended sessions, and the oldest of the key if there are `MOST_SESSIONS`."""
+        """Store a new session; remove ended sessions, and the key's sessions beyond `MOST_SESSIONS`."""
         columns = access_sessions.c
         kept = (
             sa.select(columns.token_hash)
@@ -191,7 +191,7 @@ class WrongKeys:
         return before
 
     def _read_present_count(self, connection: sa.Connection, query: sa.Select[Any]) -> float:
-        """Return the count that a query finds, less one for each `FORGET` since it was stored; 0 without a row."""
+        """Return the count that a query finds, less one for each `FORGET` since then; 0 without a row."""
         row = connection.execute(query).one_or_none()
         if row is None:
             return 0.0

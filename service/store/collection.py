@@ -83,7 +83,7 @@ class Collection(Generic[Record, Entry]):
         shown, keys = table.c, idempotency_keys.c
         self._insert = sa.insert(table)
         self._own_conditions = conditions
-        # References: (column, table to which the column refers). Children: columns of other tables that refer here.
+        # References: (own column, table to which it refers). Children: other tables' columns that refer here.
         self._references: list[tuple[sa.Column[Any], sa.Table]] = [
             (each, reference.column.table) for each in shown for reference in each.foreign_keys
         ]
@@ -119,8 +119,8 @@ class Collection(Generic[Record, Entry]):
             also: function that writes more in the same transaction, such as an entry in the queue of jobs.
 
         Returns:
-            The stored record; if the key came before with the same body, the record created then, even if it was
-            deleted. Two simultaneous calls with one key create one record, and both return it.
+            The stored record; if the key came before with the same body, the record created then, even if it
+            was deleted. Two simultaneous calls with one key create one record, and both return it.
 
         Raises:
             NotFoundError: a robot or measurement set that the record names does not exist, or was deleted.
@@ -337,7 +337,7 @@ class Collection(Generic[Record, Entry]):
         return select_fields_of(self._table, self._entry)
 
     def _copied_names(self, record: Record, named: Mapping[str, Any]) -> dict[str, str | None]:  # noqa: ARG002 - subclasses use it
-        """Return columns for listings that hold copies of names, of the record and of the records it refers to.
+        """Return columns for listings that hold copies of names, also of the records it refers to.
 
         Args:
             record: record that is about to be stored.
@@ -480,7 +480,7 @@ class Robots(Collection[RobotRecord, RobotEntry]):
 
 
 class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
-    """The ordinary measurement sets. A set that was measured live is hidden and restored with its open set."""
+    """The ordinary measurement sets; a set that was measured live is deleted together with its open set."""
 
     def named(self, set_ids: Sequence[str]) -> list[Any]:
         """Return rows with names and content hashes of some sets and their robots; sets may be deleted."""
@@ -558,7 +558,7 @@ class OpenSets(Collection[OpenSetRecord, OpenSetRecord]):
 
 
 def _portions(identifiers: Sequence[str]) -> Iterator[Sequence[str]]:
-    """Yield ids in portions of at most `_PORTION`: databases limit the number of parameters of a statement."""
+    """Yield ids in portions of at most `_PORTION`: databases limit the parameters of a statement."""
     known = [each for each in identifiers if is_indexable(each)]
     for first in range(0, len(known), _PORTION):
         yield known[first : first + _PORTION]
@@ -717,7 +717,9 @@ class LiveEntries(Journal[LiveEntry]):
             ClosedError: the set is closed.
         """
         # With the set locked, entries are inserted one after the other: none can follow the closing entry.
-        locked_set = sa.select(open_sets.c.deleted_at).where(open_sets.c.id == record.set_id).with_for_update()
+        locked_set = (
+            sa.select(open_sets.c.deleted_at).where(open_sets.c.id == record.set_id).with_for_update()
+        )
         row = connection.execute(locked_set).one_or_none()
         if row is None or row.deleted_at is not None:
             raise problems.NotFoundError(MEASUREMENT_SET, record.set_id)

@@ -40,7 +40,7 @@ _DIALECTS: dict[str, Dialect] = {
 BUSY_SECONDS = 20.0
 """Time that a transaction waits for other writers of SQLite [s]."""
 LOCKED_SECONDS = 1.0
-"""Time that a transaction waits if the one before timed out [s]; it lasts until a transaction gets the lock."""
+"""Time that a transaction waits if the one before timed out, until one gets the lock [s]."""
 _CONNECTIONS = 16
 _SESSION: Final = MappingProxyType(
     {

@@ -105,7 +105,7 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         Args:
             job_id: id of the job.
             state: final state of the job.
-            changes: function of the stored record and the number of finished units; returns column → new value.
+            changes: function of the stored record and the number of finished units → new values of columns.
             at_most: time to wait for a worker that has the job locked [s].
 
         Returns:
@@ -130,7 +130,7 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         return ended
 
     def _copied_names(self, record: JobRecord, named: Mapping[str, Any]) -> dict[str, str | None]:
-        """Return the columns with copies of the names of the job's robot and set, and the text for searches."""
+        """Return the columns with copies of names of the job's robot and set, and the search text."""
         measured = "measurement_set_id"
         serial_number = value_of_parent(named, measured, "serial_number")
         return job_name_columns(
@@ -229,7 +229,7 @@ class Heartbeats:
             return self._living(connection, self._now(connection), silence)
 
     def silent(self, silence: timedelta) -> dict[str, datetime]:
-        """Return executor → time of its last heartbeat, for executors without a heartbeat in the last `silence`."""
+        """Return executor → last heartbeat, for executors without a heartbeat in the last `silence`."""
         with self._database.reading() as connection:
             old = heartbeats.c.beat_at < self._now(connection) - silence
             rows = connection.execute(sa.select(heartbeats.c.executor, heartbeats.c.beat_at).where(old)).all()

@@ -24,7 +24,7 @@ _LEVEL: Final = 6  # level of compression
 def pack_text(text: str) -> bytes:
     """Compress a text; the JSON of a run shrinks to a quarter.
 
-    Numbers of JSON are stored as IEEE doubles in a second stream, if converting them back gives the same text.
+    Numbers of JSON are stored as IEEE doubles in a second stream, if they convert back to the same text.
     The compression knows frequent words, mostly names of fields, in advance (`dictionary.txt`).
     """
     pieces = _NUMBER.split(text)  # texts and numbers in turn: every second piece is a number

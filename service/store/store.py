@@ -142,7 +142,7 @@ class Store:
         return [MeasurementSetEntry(**row._mapping) for row in self._database.rows(shown)]
 
     def transaction(self) -> AbstractContextManager[sa.Connection]:
-        """Return a context manager of a transaction, in which the store and the queue of jobs can both write."""
+        """Return a context manager of a transaction, in which store and job queue can both write."""
         return self._database.writing()
 
     def schema(self) -> str | None:

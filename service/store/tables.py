@@ -1,4 +1,4 @@
-"""Records of the store as frozen dataclasses, one for each table; and the tables, whose columns are the fields.
+"""Records of the store as frozen dataclasses, one for each table; and the tables, made from the fields.
 
 An *entry* has the short columns that a listing shows; a *record* also has the contents, documents as JSON
 text.
@@ -259,7 +259,7 @@ metadata = sa.MetaData(
 
 
 class UtcDateTime(sa.TypeDecorator[datetime]):
-    """Column type for times with a time zone, stored as UTC: SQLite has no time zones, PostgreSQL converts to that of the session."""
+    """Column type for times with a time zone, stored as UTC: SQLite has no time zones."""
 
     impl = sa.DateTime(timezone=True)
     cache_ok = True
@@ -297,7 +297,9 @@ _TYPES: Final[Mapping[Any, type[TypeEngine[Any]] | TypeEngine[Any]]] = MappingPr
 )
 
 
-def _make_columns(record: type, references: Mapping[str, str], key: str | None = None) -> list[sa.Column[Any]]:
+def _make_columns(
+    record: type, references: Mapping[str, str], key: str | None = None
+) -> list[sa.Column[Any]]:
     """Return a column for each field of a dataclass.
 
     Args:
@@ -354,7 +356,7 @@ def _make_numbered_table(
 
 
 def _index(name: str, *columns: str, where: str | None = None) -> sa.Index:
-    """Return an index of some columns, then `sequence`; with `where` only of rows that meet this condition."""
+    """Return an index of some columns, then `sequence`; with `where` only of rows that meet it."""
     condition = None if where is None else sa.text(where)
     ordered = columns if "sequence" in columns else (*columns, "sequence")
     return sa.Index(f"ix_{name}", *ordered, sqlite_where=condition, postgresql_where=condition)

@@ -314,7 +314,11 @@ def shown(*stands, where=None):
         ([THERE + 0.099 * UP], [THERE + 0.101 * UP], "P10 is 0.101 m from where the robot holds it"),
         ([THERE + 0.009 * LONGER], [THERE + 0.011 * LONGER], "P11 is .* mm from P10"),
         ([THERE, THERE - 0.049 * UP], [THERE, THERE - 0.051 * UP], "P10 is 51 mm from where it was without"),
-        ([THERE, THERE + 1e-9], [THERE, THERE], "P10: the source sent exactly the same position as in an earlier reading"),
+        (
+            [THERE, THERE + 1e-9],
+            [THERE, THERE],
+            "P10: the source sent exactly the same position as in an earlier reading",
+        ),
         ([THERE], [THERE[[0, 0]]], "P11: the source sent exactly the same position as in an earlier reading"),
     ],
     ids=["astray", "longer", "deflected", "repeated", "one for another"],
