@@ -58,7 +58,7 @@ def create_app(
     Args:
         store: where robots, measurement sets and runs are kept.
         enqueue: leaves a long job to workers; None: every job is computed while its request waits.
-        posture: settings of which callers are answered; None: only programs of this machine.
+        posture: rules for the callers to answer; None: only programs of this machine are answered.
         keyring: valid keys, if the posture requires keys; None: the keys in the store.
         laboratory: settings of the laboratory that issues reports; without it reports name no laboratory.
 

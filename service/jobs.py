@@ -293,7 +293,7 @@ class Jobs:
         """
 
         def final_columns(before: JobRecord, done_units: int) -> dict[str, Any]:
-            """Return the columns to change when the job ends, given its record and its number of done units."""
+            """Return the columns to change when the job ends, given its record and number of done units."""
             try:
                 job = self._read_job(before)
             except ValidationError:

@@ -280,7 +280,8 @@ class WorkerLostError(StoreError):
     def __init__(self, reason: str) -> None:
         super().__init__(
             reason,
-            "send the job again; if its workers end again, split it or give them more memory; see their logs",
+            "send the job again; if its workers die again, split the job into smaller jobs or give the workers "
+            "more memory; the logs of the workers have details",
         )
 
 

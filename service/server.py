@@ -250,7 +250,7 @@ def listen(host: str, port: int, options: str) -> socket.socket:
     except OSError as error:
         raise ServerError(
             f"cannot listen on {host}:{port}: {os.strerror(error.errno) if error.errno else error}",
-            f"choose another {options}, or stop the program that uses it",
+            f"give another value of {options}, or stop the program that uses this port",
         ) from error
     # asyncio sets this only on sockets with an explicit protocol; without it answers wait 40 ms for an ACK.
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

@@ -324,7 +324,7 @@ class LiveCampaign:
         """
         if not self.observations:
             raise RequestError(
-                "the set has no reading that counts",
+                "the set has no reading to identify: none was sent, or all were withdrawn",
                 where="close",
                 remedy="send observations, or delete the open set",
             )

@@ -711,7 +711,10 @@ def _serial_line(address: str, baud: int) -> int:
         is_line = os.isatty(descriptor)
         os.close(descriptor)
         if is_line:
-            raise SourceError(f"{baud} is not a speed of a serial line", remedy="give 9600 or 115200")
+            raise SourceError(
+                f"a serial line cannot run at {baud} bits per second",
+                remedy="give a usual rate: 9600 or 115200",
+            )
         raise SourceError(f"{address} is not a serial line", remedy="give its device, such as /dev/ttyUSB0")
     tty.setraw(descriptor)
     modes = termios.tcgetattr(descriptor)

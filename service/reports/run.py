@@ -132,7 +132,7 @@ class RunSubject:
 def build_run_report(subject: RunSubject) -> Document:
     """Build the report of a run; equal runs, measurement sets and settings give equal documents."""
     run, settings = subject.model.run, subject.settings
-    items = text_table(["item", "requires", "is in"], ITEMS, texts=[0, 1, 2])
+    items = text_table(["item", "requirement", "place in this report"], ITEMS, texts=[0, 1, 2])
     return Document(
         title=TITLE,
         number=run.id,
@@ -296,7 +296,7 @@ def _build_prediction_section(subject: RunSubject) -> Iterator[Section]:
         head = [
             "force along",
             *(f"predicted displacement along {axis} [mm/N]" for axis in _AXES),
-            "U of its length [mm/N]",
+            "expanded uncertainty of the displacement's length [mm/N]",
         ]
         remarks = dict.fromkeys(remark for case in cases for remark in case.remarks)
         yield Section(

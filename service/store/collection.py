@@ -632,7 +632,7 @@ _NAMES: Final[Mapping[sa.Table, tuple[sa.Select[Any], Callable[..., dict[str, st
 
 
 def _copy_names(connection: sa.Connection, column: sa.Column[Any], identifier: str) -> None:
-    """After a name changed, update the copies of names in all rows whose `column` has the id."""
+    """Update the copies of names, after a name changed, in all rows whose `column` has the id."""
     table = column.table
     names, make_copies = _NAMES[table]
     # Rows are changed in one order: otherwise two transactions that rename could deadlock.

@@ -565,8 +565,8 @@ def make_tables(database: Database) -> None:
                     _write_assumed_statistics(connection)
             except DBAPIError as error:
                 raise StoreUnavailableError(
-                    f"the tables cannot be made ({str(error.orig).strip().splitlines()[0][:200]})",
-                    "give a database without tables of other programs, and its user the right to make tables",
+                    f"the tables cannot be created ({str(error.orig).strip().splitlines()[0][:200]})",
+                    "use a database without tables of other programs, and let its user create tables",
                 ) from error
             connection.execute(sa.insert(layouts).values(version_num=LAYOUT))
 
@@ -629,7 +629,7 @@ def _lock_creation(connection: sa.Connection) -> None:
     while not connection.execute(lock, {"n": _ADVISORY_LOCK}).scalar_one():
         if time.monotonic() > deadline:
             raise StoreUnavailableError(
-                f"another process has been making the tables for {_TURN_SECONDS:.0f} s",
+                f"another process has been creating the tables for {_TURN_SECONDS:.0f} s",
                 "end the other process if it hangs, and start again",
             )
         time.sleep(0.05)
