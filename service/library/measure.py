@@ -30,7 +30,7 @@ from jointstiff.service.conversion.prepared import (
     stated_transform,
 )
 from jointstiff.service.library.campaigns import Campaign
-from jointstiff.service.live.campaign import MOST_READINGS, Declared, Entry, LiveCampaign
+from jointstiff.service.live.campaign import MOST_READINGS, Declaration, Entry, LiveCampaign
 from jointstiff.service.live.declaration import Scales, declare_set, read_goal
 from jointstiff.service.live.sources import (
     PATIENCE,
@@ -112,7 +112,7 @@ class _SetInProcess:
         with as_campaign_error("measurement_set"):
             resolved = own_frame(post)
         with as_campaign_error(""):
-            self._campaign = LiveCampaign(Declared(robot.robot, post, resolved))
+            self._campaign = LiveCampaign(Declaration(robot.robot, post, resolved))
             _ = self._campaign.declared.ahead  # computed now to raise an error for what cannot be measured
 
     def state(self) -> LiveState:

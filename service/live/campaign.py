@@ -65,13 +65,13 @@ class Entry:
 
 
 @dataclass(frozen=True, eq=False)
-class Declared:
-    """Declaration of a campaign, made before its first reading."""
+class Declaration:
+    """Declaration of a live campaign, made before its first reading."""
 
     robot: Robot
     header: live.MeasurementSetPost  # units, noise, frame, goal and equipment; without observations
     resolved: ResolvedFrame | None = None  # transform from the frame of the readings to R0
-    noticed: Sequence[Finding] = ()  # findings about the frame
+    frame_findings: Sequence[Finding] = ()  # findings about this frame
 
     @cached_property
     def options(self) -> live.LiveOptions:
@@ -138,15 +138,15 @@ class Declared:
         Raises:
             MeasurementError: an observation cannot be right.
         """
-        document, noticed = self.document(observations), list(self.noticed)
-        return check_set(document, self.robot, self.resolved, noticed, robot_id=self.header.robot_id)
+        document, findings = self.document(observations), list(self.frame_findings)
+        return check_set(document, self.robot, self.resolved, findings, robot_id=self.header.robot_id)
 
 
 @dataclass(frozen=True, eq=False)
 class LiveCampaign:
     """A campaign with the entries of its record so far. It is immutable: a change returns a new campaign."""
 
-    declared: Declared
+    declared: Declaration
     entries: tuple[Entry, ...] = ()
     entry_by_label: Mapping[str, Entry] = field(init=False)  # label → entry of the observation
 
@@ -215,9 +215,9 @@ class LiveCampaign:
 
     @cached_property
     def progress(self) -> Progress:
-        """Progress of the readings so far towards the goal; raises the errors of `Declared.ahead`."""
+        """Progress of the readings so far towards the goal; raises the errors of `Declaration.ahead`."""
         options, observations, prepared = self.declared.options, self.observations, self._prepared
-        taken = Taken(
+        record = Taken(
             measurements=None if prepared is None else prepared.measurements,
             noticed=() if prepared is None else tuple(prepared.warnings),
             judged={label: entry.innovation or Innovation() for label, entry in self.entry_by_label.items()},
@@ -227,7 +227,7 @@ class LiveCampaign:
             check=self.entry_by_label[observations[-1].label].held_out if observations else None,
         )
         weight = options.load if isinstance(options.load, OwnWeight) else None
-        return Progress(self.declared.ahead, options.goal, taken, options.priors, weight)
+        return Progress(self.declared.ahead, options.goal, record, options.priors, weight)
 
     @property
     def run_options(self) -> dict[str, Any]:

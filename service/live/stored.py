@@ -27,7 +27,7 @@ from jointstiff.schemas.plan import AnyDirection, DeadWeight, Plan, PlanResult, 
 from jointstiff.schemas.query import OpenSetQuery, SetQuery
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.conversion.prepared import placed
-from jointstiff.service.live.campaign import Declared, Entry, LiveCampaign
+from jointstiff.service.live.campaign import Declaration, Entry, LiveCampaign
 from jointstiff.service.live.declaration import complete_targets_and_load_point
 from jointstiff.service.problems import LabelTakenError, NotFoundError
 from jointstiff.service.resources.stored import Resources, load_job, resolve_frame
@@ -67,9 +67,9 @@ class OpenSets:
         header = complete_targets_and_load_point(
             request.model_copy(update={"observations": [], "robot_id": robot_id}), options
         )
-        resolved, noticed = resolve_frame(self._store, header)
+        resolved, frame_findings = resolve_frame(self._store, header)
         robot, _ = self._resources.robot(robot_id, "robot_id")
-        campaign = LiveCampaign(Declared(robot, header, resolved, noticed))
+        campaign = LiveCampaign(Declaration(robot, header, resolved, frame_findings))
         _ = campaign.declared.ahead  # computed here to raise the error if no reading is feasible
         for observation in request.observations:
             campaign = campaign.with_entry(campaign.compare_with_prediction(observation))
@@ -80,7 +80,7 @@ class OpenSets:
             created_at=datetime.now(UTC),
             document=header.model_dump_json(),
             resolved=None if resolved is None else resolved.model_dump_json(),
-            warnings=_FINDINGS.dump_json(list(noticed)).decode(),
+            warnings=_FINDINGS.dump_json(list(frame_findings)).decode(),
         )
         stored = self._store.open_sets.add(record, key)
         if stored.id == record.id:
@@ -161,7 +161,7 @@ class OpenSets:
         return live.MeasurementSet(
             **fields,
             **placed(declared.resolved),
-            warnings=list(declared.noticed),
+            warnings=list(declared.frame_findings),
             content_hash=None,
             id=set_id,
             robot_id=record.robot_id,
@@ -269,7 +269,7 @@ class OpenSets:
         )
         return _ENTRY.validate_json(self._store.live_entries.add(record).document)
 
-    def _load_declaration(self, set_id: str) -> Declared:
+    def _load_declaration(self, set_id: str) -> Declaration:
         """Read the declaration of an open set from the store."""
         record = self._store.open_sets.get(set_id)
         header = live.MeasurementSetPost.model_validate_json(record.document)
@@ -277,7 +277,7 @@ class OpenSets:
             header = complete_targets_and_load_point(header, header.open)
         robot, _ = self._resources.robots.load(record.robot_id)
         resolved = None if record.resolved is None else ResolvedFrame.model_validate_json(record.resolved)
-        return Declared(robot, header, resolved, _FINDINGS.validate_json(record.warnings))
+        return Declaration(robot, header, resolved, _FINDINGS.validate_json(record.warnings))
 
     def _complete_by_plan(self, options: live.LiveOptions, robot_id: str) -> tuple[live.LiveOptions, str]:
         """Return live options, completed from the plan that they name, and `robot_id` unchanged.

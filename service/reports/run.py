@@ -334,7 +334,9 @@ def build_uncertainty_section(model: ExportedModel) -> Section:
         ]
         return Section(
             UNCERTAINTY,
-            paragraphs=["Shares of each interval's width, by the readings and by the bounds of the masses."],
+            paragraphs=[
+                "Shares of each interval's width: from the readings, and from the bounds of the masses."
+            ],
             tables=[text_table(["joint", "readings", "uncertain masses"], cells, texts=[0])],
         )
     if budget is None:
@@ -371,7 +373,7 @@ def build_uncertainty_section(model: ExportedModel) -> Section:
         ),
     ]
     missing = "".join(f"It is partial: {_MISSING[each]}. " for each in budget.missing)
-    caption = "Contributions to the standard uncertainty of each compliance [% of it]"
+    caption = "Contributions to the standard uncertainty of each compliance [% of the compliance]"
     return Section(
         UNCERTAINTY,
         tables=[text_table(["source", "type", *budget.joints], rows, caption)],

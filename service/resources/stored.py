@@ -327,12 +327,12 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
         stored = self.document(set_id)
         kept = without(stored.observations, frozenset(leave_out))
         robot, robot_hash = self._robots.load(stored.robot_id)
-        noticed = [warning for warning in stored.warnings if warning.code in FRAME_CODES]
+        frame_warnings = [warning for warning in stored.warnings if warning.code in FRAME_CODES]
         return check_set(
             stored.model_copy(update={"observations": kept}),
             robot,
             stored.resolved,
-            noticed,
+            frame_warnings,
             self._robots.known(),
             robot_id=stored.robot_id,
             robot_hash=robot_hash,
