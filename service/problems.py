@@ -280,7 +280,7 @@ class WorkerLostError(StoreError):
     def __init__(self, reason: str) -> None:
         super().__init__(
             reason,
-            "send the job again; if its workers die again, split the job into smaller ones or give the workers "
+            "send the job again; if its workers die again, split the job into several or give the workers "
             "more memory; the logs of the workers have details",
         )
 

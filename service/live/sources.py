@@ -130,7 +130,7 @@ def make_source(text: str, options: Mapping[str, Any]) -> Source:
         named = {entry.name: entry for entry in entry_points(group=GROUP)}
         if name not in named:
             raise RequestError(
-                f"there is no source '{name}'",
+                f"no source of readings has the name '{name}'",
                 where="source",
                 remedy=f"give one of {', '.join(sorted({*known, *named}))}, such as simulated:1",
             )
@@ -316,9 +316,9 @@ class Simulated(Source):
         """
         if not (address or "1").isdecimal():
             raise RequestError(
-                f"'{address}' is not a seed of a simulated arm",
+                f"the seed of a simulated arm must be a whole number, not '{address}'",
                 where="source",
-                remedy="give a whole number, as in simulated:1",
+                remedy="give a number such as in simulated:1",
             )
         self._random = np.random.default_rng(int(address or 1))
 
@@ -451,7 +451,7 @@ class Profile:
         known = [name for name in names if name != "-"]
         if names and (not {"x", "y", "z"} <= set(known) <= set(_FIELDS) or len(known) != len(set(known))):
             raise RequestError(
-                f"the columns '{','.join(names)}' do not name x, y and z, each once",
+                f"the columns '{','.join(names)}' must name x, y and z, and no column twice",
                 where="columns",
                 remedy="name them in order, such as target,x,y,z or -,x,y,z,sigma",
             )
@@ -534,7 +534,7 @@ class Lines(Source):
             )
         if request is not None and self._url.scheme == "udp":
             raise RequestError(
-                "a source by UDP only receives, and sends no request",
+                "a source over UDP only receives lines and cannot send `request`",
                 where="request",
                 remedy="omit `request`, or use TCP",
             )
