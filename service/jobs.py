@@ -59,9 +59,9 @@ _COLUMNS: Final = (
     "elasticity",
     "verdict",
 )
-"""Columns of the store that have the values of the summary's fields."""
+"""Columns of a job's record whose values are fields of its summary with the same names."""
 _ROW_FIELDS: Final = frozenset(field.name for field in fields(JobEntry)) - {"summary"}
-"""Fields of a job in a listing that are columns of its row."""
+"""Fields of `JobEntry` that are columns of their own; the others are in its column `summary`."""
 _CHANGING: Final = ("state", "summary", "trend", "document", "elasticity", "verdict")
 """Columns that change until a job ends."""
 STEPS_OF_A_PART: Final = 12
@@ -69,7 +69,7 @@ STEPS_OF_A_PART: Final = 12
 PART_SECONDS: Final = 1.25
 """Time after which a worker leaves the other steps of a part, if other jobs wait for a worker [s]."""
 PARTS_AT_ONCE: Final = 8
-"""Parts of a job that wait or are carried out at the same time; each leaves one that follows."""
+"""Number of parts of a job in the queue at a time; a part that ends puts a further part into the queue."""
 CANCEL_SECONDS: Final = 2.0
 """Time that a request to cancel a job waits for a worker that has it locked, which may be stopped [s]."""
 _NO_CHANGES: Final[Mapping[str, object]] = MappingProxyType({})
@@ -77,7 +77,7 @@ _NO_CHANGES: Final[Mapping[str, object]] = MappingProxyType({})
 _logger = logging.getLogger(__name__)
 
 Enqueue = Callable[[Connection, str], object]
-"""Leaves a job to workers by its id, in the transaction that stores it."""
+"""Function that puts a job, given its id, into the queue of workers, in the transaction that stores it."""
 
 
 @dataclass(frozen=True, slots=True)

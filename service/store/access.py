@@ -30,7 +30,7 @@ MOST_SESSIONS: Final = 100
 FORGET: Final = timedelta(seconds=6)
 """Time in which the count of wrong keys of a network falls by one."""
 MOST_WRONG: Final = 20
-"""Greatest count of wrong keys of a network; further wrong keys cost no write."""
+"""Greatest count of wrong keys of a network; further wrong keys are not written to the database."""
 MOST_NETWORKS: Final = 1_024
 """Greatest number of networks with a count; the networks counted longest ago are removed first."""
 
