@@ -1,4 +1,4 @@
-"""The composition root: parts in, application out. Nothing happens on import."""
+"""Build the application of the service from its parts. Importing this module starts nothing."""
 
 from __future__ import annotations
 
@@ -57,9 +57,9 @@ def create_app(
 
     Args:
         store: where robots, measurement sets and runs are kept.
-        enqueue: leaves a long job to workers; without it every job is computed while its request waits.
-        posture: which callers are answered; without it only programs of this machine.
-        keyring: valid keys, if the posture requires keys; without it those of the store.
+        enqueue: leaves a long job to workers; None: every job is computed while its request waits.
+        posture: rules for the callers to answer; None: only programs of this machine are answered.
+        keyring: valid keys, if the posture requires keys; None: the keys in the store.
         laboratory: settings of the laboratory that issues reports; without it reports name no laboratory.
 
     Raises:
@@ -71,7 +71,8 @@ def create_app(
         description=_DESCRIPTION,
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
         servers=[{"url": "/", "description": "This service"}],
-        openapi_url=None,  # ours is written once; FastAPI's pages load scripts from other hosts
+        # `install_description` serves the API description; FastAPI's own pages load scripts from other hosts.
+        openapi_url=None,
         separate_input_output_schemas=False,
         redirect_slashes=False,  # a redirect would repeat the Host header, whoever wrote it
         lifespan=_lifespan,
@@ -113,7 +114,7 @@ def create_app(
 @cache
 def all_routes() -> Sequence[BaseRoute]:
     """Return the routes of all resources and kinds of jobs; cached, as FastAPI takes 0.1 s to build them."""
-    # Without an answer 422 of ours FastAPI would describe its own form of error.
+    # Without a declared answer 422 FastAPI would describe its own error format, which this API never sends.
     combined = APIRouter(generate_unique_id_function=operation_id, responses=problems(422))
     for router in (
         resources.robots,

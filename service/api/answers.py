@@ -19,7 +19,7 @@ from starlette.requests import ClientDisconnect
 
 from jointstiff.schemas.finding import Problem
 from jointstiff.service.jobs import Parts
-from jointstiff.service.problems import StoreError, http_problem, invalid_request, problem_of
+from jointstiff.service.problems import StoreError, http_problem, problem_from_error, problem_from_faults
 from jointstiff.service.process import REQUEST_ID
 from jointstiff.solver.errors import JointstiffError
 
@@ -139,7 +139,7 @@ def answer_problem(problem: Problem, headers: dict[str, str] | None = None) -> R
 
 def answer_error(error: JointstiffError | StoreError) -> Response:
     """Return the answer to an error of the project; errors of the service (5xx) are logged."""
-    problem = problem_of(error)
+    problem = problem_from_error(error)
     if problem.status >= 500:
         _logger.error("%s: %s", type(error).__name__, error)
     return answer_problem(problem)
@@ -172,7 +172,7 @@ async def _answer_failure(request: Request, error: Exception) -> Response:
         case JointstiffError() | StoreError():
             return answer_error(error)
         case RequestValidationError():
-            return answer_problem(invalid_request(error.errors(), _query_parameters(request)))
+            return answer_problem(problem_from_faults(error.errors(), _query_parameters(request)))
         case HTTPException():
             # The details of our own HTTPExceptions are "REASON; REMEDY".
             reason, *remedy = str(error.detail).split("; ", 1)

@@ -23,13 +23,13 @@ from jointstiff.service.jobs import Jobs, Parts
 from jointstiff.service.kinds.kind import AnyKind, File
 from jointstiff.service.kinds.program.work import unpacked
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.reports.certificate import certificate
+from jointstiff.service.reports.certificate import build_certificate
 from jointstiff.service.reports.document import Document
 from jointstiff.service.reports.exports import FORMATS, ExportedModel, ModelFormat, export_model
-from jointstiff.service.reports.job import job_document, job_parts, job_sheet
+from jointstiff.service.reports.job import build_job_report, build_job_sheet, job_parts
 from jointstiff.service.reports.laboratory import LaboratorySettings
-from jointstiff.service.reports.rendering import POLICY, report_page, report_pdf
-from jointstiff.service.reports.run import RunSubject, run_document
+from jointstiff.service.reports.rendering import POLICY, render_html, render_pdf
+from jointstiff.service.reports.run import RunSubject, build_run_report
 from jointstiff.service.tables.files import csv_parts, write_sheet
 from jointstiff.service.tables.report import View
 from jointstiff.service.tables.stiffness import UNITS
@@ -143,7 +143,7 @@ def _text_lines(parts: Sequence[Part]) -> list[str]:
 def _table_file(file: File, requested: _RequestedFile) -> Content:
     """Return a table of a job as a file, such as CSV; raise HTTPException (404) if it has no rows."""
     kind, job = requested.jobs.kind, requested.job
-    sheet = job_sheet(file, job, lambda: requested.jobs.work(job.id))
+    sheet = build_job_sheet(file, job, lambda: requested.jobs.work(job.id))
     if not sheet.columns:
         what = file.description.partition(",")[0]
         reason = f"this {kind.name} has no rows for {file.name}, {what}"
@@ -159,21 +159,23 @@ def _job_report(requested: _RequestedFile) -> Content:
     about = [] if record.robot_id is None else [("Robot", parts.store.robots.get(record.robot_id).name)]
     answered = jobs.kind.answered(record.document)
     return _render_report(
-        job_document(jobs.kind, requested.job, answered, requested.laboratory, about), requested.name
+        build_job_report(jobs.kind, requested.job, answered, requested.laboratory, about), requested.name
     )
 
 
 def _run_report(requested: _RequestedFile) -> Content:
     """Return the report of a run, as PDF or HTML."""
     subject = run_subject(requested.parts, requested.job_id, requested.laboratory)
-    return _render_report(run_document(subject), requested.name)
+    return _render_report(build_run_report(subject), requested.name)
 
 
 def _certificate_file(requested: _RequestedFile) -> Content:
     """Return the digital calibration certificate of a run, as XML."""
     subject = run_subject(requested.parts, requested.job_id, requested.laboratory)
     return Content(
-        certificate(subject), "application/xml", _attachment_header(f"certificate-{requested.job_id}.xml")
+        build_certificate(subject),
+        "application/xml",
+        _attachment_header(f"certificate-{requested.job_id}.xml"),
     )
 
 
@@ -216,8 +218,8 @@ def _require_result(jobs: Jobs, job_id: str) -> Job:
 def _render_report(document: Document, name: str) -> Content:
     """Render a report as the file of a name: `report.pdf` or `report.html`."""
     if name == "report.pdf":
-        return _report_content(report_pdf(document), document.number, "pdf")
-    return _report_content(report_page(document), document.number, "html")
+        return _report_content(render_pdf(document), document.number, "pdf")
+    return _report_content(render_html(document), document.number, "html")
 
 
 def _report_content(content: bytes, number: str, suffix: Literal["pdf", "html"]) -> Content:

@@ -28,7 +28,7 @@ from jointstiff.service.api.jobs import AskedBy
 from jointstiff.service.conversion.catalogue import catalogue
 from jointstiff.service.conversion.robots import to_postures
 from jointstiff.service.problems import ClosedError
-from jointstiff.service.resources.stored import assembled, described
+from jointstiff.service.resources.stored import robot_from_record, set_from_record
 from jointstiff.service.security.access import OPERATOR, VIEWER
 from jointstiff.solver.errors import RequestError
 
@@ -58,7 +58,7 @@ def create_robot(
     the identified model, and the geometry's id.
     """
     record = parts.robots.create(body, key)
-    return answers.answer_created("robots", record.id, described(record).model_dump_json())
+    return answers.answer_created("robots", record.id, robot_from_record(record).model_dump_json())
 
 
 @robots.get("/v1/robots", dependencies=[VIEWER], response_model=Page[RobotSummary])
@@ -87,7 +87,7 @@ def list_robots(parts: answers.PartsOf, query: Annotated[RobotQuery, Query()]) -
 )
 def get_robot(request: Request, parts: answers.PartsOf, robot_id: RobotId) -> Response:
     """Get a robot, with its kinematics as they were understood, and its last campaign."""
-    robot = described(parts.store.robots.get(robot_id))
+    robot = robot_from_record(parts.store.robots.get(robot_id))
     latest = parts.trends.last_campaign(parts.store.robots.entry(robot_id))
     return answers.answer_with_tag(
         request, robot.model_copy(update={"last_campaign": latest}).model_dump_json()
@@ -105,7 +105,7 @@ def change_robot(
     A robot that a measurement set or a job
     refers to cannot be deleted; a deleted one can be restored for 30 days.
     """
-    return answers.json_response(described(parts.robots.change(robot_id, body)).model_dump_json())
+    return answers.json_response(robot_from_record(parts.robots.change(robot_id, body)).model_dump_json())
 
 
 @robots.get("/v1/catalogue", dependencies=[VIEWER], response_model=Catalogue)
@@ -167,7 +167,7 @@ def create_measurement_set(
             remedy="give them, or `open` for readings that are still to be taken",
         )
     record = parts.sets.create(body, key)
-    return answers.answer_created("measurement-sets", record.id, assembled(record).model_dump_json())
+    return answers.answer_created("measurement-sets", record.id, set_from_record(record).model_dump_json())
 
 
 @sets.get("/v1/measurement-sets", dependencies=[VIEWER], response_model=Page[MeasurementSetSummary])
@@ -208,7 +208,7 @@ def change_measurement_set(
     can be restored for 30 days. Of an open set, readings are withdrawn or kept, and postures skipped.
     """
     if parts.live.is_open(set_id):
-        return parts.live.changed(set_id, body, by)
+        return parts.live.apply_change(set_id, body, by)
     if body.is_live:
         raise ClosedError(set_id)
     changes = body.model_dump(exclude={"withdrawn", "kept", "skipped"}, exclude_unset=True)

@@ -43,9 +43,9 @@ from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.jobs import Jobs, Parts
 from jointstiff.service.kinds.program.kind import PROGRAM
 from jointstiff.service.kinds.program.work import packed
-from jointstiff.service.problems import NotFoundError, place_in
+from jointstiff.service.problems import NotFoundError, place_in_document
 from jointstiff.service.resources.imports import import_files
-from jointstiff.service.resources.stored import described, stored_job
+from jointstiff.service.resources.stored import load_job, robot_from_record
 from jointstiff.service.runs.deflection import predict_by_run
 from jointstiff.service.runs.mending import mend_campaign
 from jointstiff.service.security.access import OPERATOR
@@ -143,7 +143,7 @@ def _request_after_action(parts: Parts, run: Run, action: Action) -> RunRequest:
         left_out = dict.fromkeys([*request.leave_out, *action.observations])
         return request.model_copy(update={"leave_out": list(left_out)})
     stored = parts.sets.document(request.measurement_set_id)
-    robot = described(parts.store.robots.get(stored.robot_id))
+    robot = robot_from_record(parts.store.robots.get(stored.robot_id))
     before = Campaign(
         robot=RobotDocument(
             name=robot.name, model=robot.model, joint_map=robot.joint_map, bodies=robot.bodies
@@ -238,7 +238,7 @@ def _section_in_errors(section: str) -> Iterator[None]:
     try:
         yield
     except JointstiffError as error:
-        error.where = place_in(section, error.where)
+        error.where = place_in_document(section, error.where)
         raise
 
 
@@ -263,7 +263,7 @@ def _predict_as_json(parts: Parts, body: DeflectionRequest) -> str:
         RequestError: the run does not exist, or cannot predict these cases.
     """
     try:
-        run = stored_job(parts.store, Run, body.run_id)
+        run = load_job(parts.store, Run, body.run_id)
         robot = parts.sets.prepared(run.request.measurement_set_id).robot
     except NotFoundError as error:
         raise RequestError(error.reason, remedy=error.remedy, where="run_id") from error

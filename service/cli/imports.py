@@ -301,12 +301,14 @@ def _with_split_header(stated: Options, sources: Sequence[SourceFile]) -> Option
 @contextmanager
 def _options_in_errors() -> Iterator[None]:
     """Change errors raised in the block: their texts name command-line options in place of fields."""
-    from jointstiff.service.problems import CampaignError, FilesError, problem_of
+    from jointstiff.service.problems import CampaignError, FilesError, problem_from_error
 
     try:
         yield
     except FilesError as error:
-        raise CampaignError(name_options_in_problem(ImportRequest, problem_of(error), _FORMS)) from error
+        raise CampaignError(
+            name_options_in_problem(ImportRequest, problem_from_error(error), _FORMS)
+        ) from error
     except CampaignError as error:
         problem = name_options_in_problem(ImportRequest, error.problem, _FORMS)
         where = problem.where or ""

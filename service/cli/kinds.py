@@ -197,14 +197,17 @@ def _run_work(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values:
     from jointstiff.schemas.run import Run
     from jointstiff.service.library.here import Here, attach_campaign
     from jointstiff.service.problems import CampaignError
-    from jointstiff.service.resources.documents import campaign_of, read_document, read_object
+    from jointstiff.service.resources.documents import read_campaign, read_document, read_object
     from jointstiff.service.tables.terminal import progress_bar
 
     if values["options"] is not None:
         options = read_object(values["options"])
         stated = options | _convert_to_file_units(options, kind.options, stated)
     if values.get("run") is not None:
-        sources = [attach_campaign(read_document(values["run"], Run), campaign_of(sources[0])), *sources[1:]]
+        sources = [
+            attach_campaign(read_document(values["run"], Run), read_campaign(sources[0])),
+            *sources[1:],
+        ]
     given = [each for source in sources for each in (source if isinstance(source, list) else [source])]
     do = getattr(Here(), ROOMS[kind.name].command)
     try:
@@ -305,7 +308,7 @@ def _print_job(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN40
     Raises:
         typer.Exit: the job, or the run of one set of a fleet, has failed.
     """
-    from jointstiff.service.reports.job import job_report
+    from jointstiff.service.reports.job import lay_out_job
     from jointstiff.service.tables.terminal import console
 
     if values["as_json"]:
@@ -317,7 +320,7 @@ def _print_job(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN40
             typer.echo(f"First: {values['file']}. Second: {values['second']}.")
         applies = kind.name == "run" and values["apply"] is None
         console().print(
-            job_report(kind, job, details=values["details"], unit=values["unit"], applies=applies)
+            lay_out_job(kind, job, details=values["details"], unit=values["unit"], applies=applies)
         )
     if job.state != "succeeded" or job.failed_parts:
         raise typer.Exit(1)
@@ -522,7 +525,7 @@ def _explain_moves_if_requested(values: _Values, sources: Sequence[Any]) -> bool
         typer.BadParameter: neither --explain nor --output is given.
         CampaignError: the program cannot be read.
     """
-    from jointstiff.service.problems import CampaignError, FilesError, problem_of
+    from jointstiff.service.problems import CampaignError, FilesError, problem_from_error
     from jointstiff.service.programs.formats import explained
     from jointstiff.service.programs.program import ExternalAxes
 
@@ -535,7 +538,7 @@ def _explain_moves_if_requested(values: _Values, sources: Sequence[Any]) -> bool
         external = ExternalAxes(values["external_axes"] or ExternalAxes.MAY_CARRY)
         rows = explained(files, values["format"], values["leave_alone"] or (), external)
     except FilesError as error:
-        raise CampaignError(problem_of(error)) from error
+        raise CampaignError(problem_from_error(error)) from error
     if values["as_json"]:
         typer.echo(json.dumps([row._asdict() for row in rows], indent=2))
         return True

@@ -225,7 +225,7 @@ def _measure_and_print(campaign: LiveMeasurement, values: dict[str, Any], *, ask
     from jointstiff.service.cli.at_terminal import AtTerminal
     from jointstiff.service.kinds.run.kind import RUN
     from jointstiff.service.live.sources import SourceError
-    from jointstiff.service.reports.job import job_report
+    from jointstiff.service.reports.job import lay_out_job
     from jointstiff.service.tables.terminal import console
 
     person = AtTerminal(campaign, asks=asks, confirmed=values["yes"])
@@ -249,7 +249,7 @@ def _measure_and_print(campaign: LiveMeasurement, values: dict[str, Any], *, ask
     if values["as_json"]:
         typer.echo(json.dumps(_json_document(campaign, stopped), indent=2, ensure_ascii=False))
     else:
-        console().print(job_report(RUN, run, details=values["details"], unit=values["unit"]))
+        console().print(lay_out_job(RUN, run, details=values["details"], unit=values["unit"]))
     if stopped is not None or run.state != "succeeded":
         raise typer.Exit(1)
 

@@ -78,10 +78,10 @@ def read_or_identify_run(file: Path, run: Path | None) -> TabledRun:
     """Return the run of a campaign: read from the file `run`, or identified now if that is None."""
     from jointstiff.schemas.run import Run
     from jointstiff.service.library.here import Here, attach_campaign
-    from jointstiff.service.resources.documents import campaign_of, read_document
+    from jointstiff.service.resources.documents import read_campaign, read_document
 
     if run is not None:
-        return attach_campaign(read_document(run, Run), campaign_of(file))
+        return attach_campaign(read_document(run, Run), read_campaign(file))
     identified: TabledRun = Here().identify(file)
     return identified
 
@@ -104,7 +104,7 @@ def robots(
 ) -> None:
     """List the nominal arms of the catalogue."""
     from jointstiff.service.conversion.catalogue import catalogue, find_arm, nominal_robot
-    from jointstiff.service.problems import problem_of
+    from jointstiff.service.problems import problem_from_error
     from jointstiff.service.tables.terminal import console, lay_out_parts
     from jointstiff.solver.errors import RequestError
 
@@ -113,7 +113,7 @@ def robots(
     try:
         arm = None if name is None else find_arm(name, "ARM")
     except RequestError as error:
-        raise cli.print_problem(problem_of(error)) from error
+        raise cli.print_problem(problem_from_error(error)) from error
     if as_json:
         typer.echo((arm or catalogue()).model_dump_json(indent=2))
     else:

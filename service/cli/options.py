@@ -161,9 +161,9 @@ def print_known_error(error: Exception) -> typer.Exit | None:
     if isinstance(error, OSError) and error.filename is not None:
         return print_failure(f"cannot write {error.filename}: {error.strerror}", "choose another path")
     if isinstance(error, ImportError):
-        from jointstiff.service.problems import missing_extra
+        from jointstiff.service.problems import explain_missing_library
 
-        error = missing_extra("this command", error)
+        error = explain_missing_library("this command", error)
     if not type(error).__module__.startswith("jointstiff."):
         return None
     from jointstiff.service.problems import ProblemError, ServiceError

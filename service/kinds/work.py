@@ -20,7 +20,7 @@ from jointstiff.schemas.fields import Message
 from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Job, JobState, Progress, Provenance
 from jointstiff.service.kinds.width import CancelledWorkError, compute_steps
-from jointstiff.service.problems import ExecutorError, StoreUnavailableError, http_problem, problem_of
+from jointstiff.service.problems import ExecutorError, StoreUnavailableError, http_problem, problem_from_error
 from jointstiff.service.process import versions
 from jointstiff.solver.errors import InputError, JointstiffError, NotObservableError, RequestError
 
@@ -224,7 +224,7 @@ def outcome_of(
     except passed:
         raise
     except JointstiffError as error:
-        return None, problem_of(error)
+        return None, problem_from_error(error)
     except Exception:
         _logger.exception("a job failed unexpectedly")
         return None, unexpected_failure()

@@ -14,7 +14,7 @@ from jointstiff.schemas.run import Run
 from jointstiff.service.library import robots
 from jointstiff.service.library.robots import AnyUnits, plain_fields
 from jointstiff.service.problems import as_campaign_error
-from jointstiff.service.resources.documents import campaign_of, parse_document
+from jointstiff.service.resources.documents import parse_document, read_campaign
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -121,7 +121,7 @@ class Campaign(messages.Campaign):
             CampaignError: the file is not a campaign.
             OSError: the file cannot be read.
         """
-        return cls.from_message(campaign_of(path))
+        return cls.from_message(read_campaign(path))
 
     def check(self) -> None:
         """Check that robot and readings can be used together.

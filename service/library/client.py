@@ -37,9 +37,9 @@ from jointstiff.service.library.verbs import Verbs
 from jointstiff.service.problems import AwayError, RefusedError, as_campaign_error, http_problem
 from jointstiff.service.resources.documents import (
     AnyCampaign,
-    campaign_of,
     json_text,
     parse_document,
+    read_campaign,
 )
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.errors import RequestError
@@ -219,7 +219,7 @@ class Client(Verbs):
             )
         with Follow(on_progress, cancel, executor) as follow:
             self.begun(follow)  # refuses an executor
-            read = campaign_of(campaign)
+            read = read_campaign(campaign)
             own = to_json_object(read.run if options is None else options)
             run = {"leave_out": read.run.leave_out, **own, **fields}
             return self.runs.wait(self.post(to_json_object(read) | {"run": run}), follow)
@@ -244,7 +244,7 @@ class Client(Verbs):
             campaign: a file, a document that was read from JSON, or a `Campaign`.
             once: whether to return the run of an earlier post of the same campaign in place of a new run.
         """
-        document = to_json_object(campaign if isinstance(campaign, Mapping) else campaign_of(campaign))
+        document = to_json_object(campaign if isinstance(campaign, Mapping) else read_campaign(campaign))
         # Sorted keys: the same content gives the same text, and so the same idempotency key.
         text = json.dumps(json.loads(json_text(document)), sort_keys=True)
         key = content_key(text) if once else None
@@ -272,7 +272,7 @@ class Client(Verbs):
         source = self._replace_foreign_run(source)
         if isinstance(source, Run):
             return source.request.measurement_set_id, options_of(source)
-        campaign = campaign_of(source)
+        campaign = read_campaign(source)
         return self.post(campaign, once=True).request.measurement_set_id, campaign.run
 
     def identified(self, source: Any, executor: Executor | None = None) -> str:  # noqa: ANN401, ARG002
@@ -287,7 +287,7 @@ class Client(Verbs):
             return source
         return source.campaign.model_copy(update={"run": options_of(source)})
 
-    def campaign_of(self, run: Run) -> Campaign:
+    def read_campaign(self, run: Run) -> Campaign:
         """Return the campaign of a stored run: robot and readings from the service, and the run's options."""
         stored = self.measurement_sets.get(run.request.measurement_set_id)
         robot = self.robots.get(stored.robot_id)
@@ -340,9 +340,9 @@ class Client(Verbs):
         kind = kind_of(job.kind)
         whole = next((each for each in kind.files if each.suffix == "json"), None)
         if whole is None:
-            from jointstiff.service.reports.job import job_sheet
+            from jointstiff.service.reports.job import build_job_sheet
 
-            return job_sheet(file, job, lambda: cast("Any", None))
+            return build_job_sheet(file, job, lambda: cast("Any", None))
         columns = json.loads(self.file(job, whole.name))["columns"]
         headers = [f"{each['name']} [{each['unit']}]" if each["unit"] else each["name"] for each in columns]
         sheet = dict(zip(headers, [each["values"] for each in columns], strict=True))

@@ -24,17 +24,17 @@ from jointstiff.service.library.cases import AnyPostures, make_load_cases
 from jointstiff.service.library.results import Prediction, TabledRun, presented_class
 from jointstiff.service.library.robots import prepare_once
 from jointstiff.service.library.verbs import Verbs
-from jointstiff.service.problems import CampaignError, as_campaign_error, http_problem, problem_of
+from jointstiff.service.problems import CampaignError, as_campaign_error, http_problem, problem_from_error
 from jointstiff.service.process import one_thread
-from jointstiff.service.reports.job import job_sheet
+from jointstiff.service.reports.job import build_job_sheet
 from jointstiff.service.resources.documents import (
     AnyCampaign,
-    campaign_of,
     parse_document,
+    read_campaign,
     read_document,
     read_robot,
 )
-from jointstiff.service.resources.inputs import FromFile
+from jointstiff.service.resources.inputs import InMemoryInputs
 from jointstiff.service.tables.files import write_sheet
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.errors import RequestError
@@ -88,7 +88,7 @@ class Here(Verbs):
 
     def __init__(self, campaign: messages.Campaign | None = None) -> None:
         """Begin without prepared inputs; `campaign` is that of a run which was identified before."""
-        self.inputs, self.campaign = FromFile(), campaign
+        self.inputs, self.campaign = InMemoryInputs(), campaign
 
     def begun(self, follow: Follow) -> Here:  # noqa: ARG002 - any executor can be used
         """Return a new object for one call, so that its inputs are freed with the result of the call."""
@@ -105,7 +105,7 @@ class Here(Verbs):
         """
         if isinstance(source, TabledRun):
             return self.measured(source.campaign)[0], options_of(source)
-        self.campaign = campaign = campaign_of(source)
+        self.campaign = campaign = read_campaign(source)
         with as_campaign_error(f"{place}robot"):
             robot = prepare_once(campaign.robot)
         with as_campaign_error(f"{place}measurement_set"):
@@ -215,9 +215,9 @@ class Here(Verbs):
     def sheet(self, job: Job, file: File) -> Sheet:
         """Return the table of a file of a job; compute it again if the result does not contain it."""
         kind = kind_of(job.kind)
-        return job_sheet(file, job, lambda: kind.compute(self.inputs, job.request))
+        return build_job_sheet(file, job, lambda: kind.compute(self.inputs, job.request))
 
-    def campaign_of(self, _run: Run) -> messages.Campaign | None:
+    def read_campaign(self, _run: Run) -> messages.Campaign | None:
         """Return the campaign that was prepared last; None before the first one."""
         return self.campaign
 
@@ -242,27 +242,27 @@ class Here(Verbs):
 
     def _report(self, kind: AnyKind, job: Job, suffix: str, laboratory: Path | None) -> bytes:
         """Return the report of a job as PDF or HTML, or the calibration certificate of a run as XML."""
-        from jointstiff.service.reports.certificate import certificate
-        from jointstiff.service.reports.job import job_document
+        from jointstiff.service.reports.certificate import build_certificate
+        from jointstiff.service.reports.job import build_job_report
         from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
-        from jointstiff.service.reports.rendering import report_page, report_pdf
-        from jointstiff.service.reports.run import RunSubject, run_document
+        from jointstiff.service.reports.rendering import render_html, render_pdf
+        from jointstiff.service.reports.run import RunSubject, build_run_report
 
         settings = LaboratorySettings() if laboratory is None else read_laboratory(laboratory)
         if isinstance(job, TabledRun):
             subject = RunSubject(_model_to_export(job), job.campaign.measurement_set, settings)
             if suffix == "xml":
                 with as_campaign_error("report"):
-                    return certificate(subject)
-            document = run_document(subject)
+                    return build_certificate(subject)
+            document = build_run_report(subject)
         elif suffix == "xml":
             with as_campaign_error(""):
                 reason = f"a {kind.name} has no certificate: only a run has one"
                 raise RequestError(reason, where="output", remedy="write it as .pdf or .html")
         else:
-            document = job_document(kind, job, job.model_dump_json(), settings)
+            document = build_job_report(kind, job, job.model_dump_json(), settings)
         with as_campaign_error("report"):
-            return report_pdf(document) if suffix == "pdf" else report_page(document)
+            return render_pdf(document) if suffix == "pdf" else render_html(document)
 
     @one_thread()
     def apply(self, run: TabledRun, action: str) -> TabledRun:
@@ -295,7 +295,9 @@ def _model_to_export(run: Job) -> ExportedModel:
     here = Here()
     known = here.inputs.run(here.identified(run), "run_id")
     with as_campaign_error("run"):
-        return ExportedModel.of(known.run, known.prepared.robot, cast("TabledRun", run).campaign.robot.name)
+        return ExportedModel.from_run(
+            known.run, known.prepared.robot, cast("TabledRun", run).campaign.robot.name
+        )
 
 
 def read_job(path: Path) -> Job | None:
@@ -380,4 +382,4 @@ def import_files(
     try:
         return imports.import_files(sources, request, measured)
     except FilesError as error:
-        raise CampaignError(problem_of(error)) from error
+        raise CampaignError(problem_from_error(error)) from error

@@ -25,9 +25,9 @@ from jointstiff.service.library.results import TabledRun
 from jointstiff.service.problems import CampaignError, http_problem
 from jointstiff.service.resources.documents import (
     AnyCampaign,
-    campaign_of,
-    document_content,
+    encode_document,
     parse_content,
+    read_campaign,
     read_content,
 )
 
@@ -162,7 +162,7 @@ def _make_task(number: int, source: Any, shared: _SharedOptions) -> _Task:  # no
         elif isinstance(source, Campaign):
             content = source
         elif isinstance(source, Mapping):
-            content = document_content(source)
+            content = encode_document(source)
         else:
             path = Path(cast("str | PathLike[str]", source))
             name = str(path)
@@ -233,9 +233,9 @@ class _HereWithLateCampaign(Here):
         super().__init__()
         self._source = source
 
-    def campaign_of(self, _run: Run) -> Campaign:
+    def read_campaign(self, _run: Run) -> Campaign:
         """Return the campaign of the run, read from its source at the first call."""
         if self.campaign is None:
             source = self._source.campaign if isinstance(self._source, TabledRun) else self._source
-            self.campaign = campaign_of(source)
+            self.campaign = read_campaign(source)
         return self.campaign

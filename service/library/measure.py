@@ -30,17 +30,17 @@ from jointstiff.service.conversion.prepared import (
     stated_transform,
 )
 from jointstiff.service.library.campaigns import Campaign
-from jointstiff.service.live.campaign import MOST_READINGS, Declared, Entry, LiveCampaign
-from jointstiff.service.live.declaration import Scales, declared, goal_of
+from jointstiff.service.live.campaign import MOST_READINGS, Declaration, Entry, LiveCampaign
+from jointstiff.service.live.declaration import Scales, declare_set, read_goal
 from jointstiff.service.live.sources import (
     PATIENCE,
-    Checked,
+    CheckedSource,
     Point,
     Setting,
     Source,
     SourceError,
     Stand,
-    source_of,
+    make_source,
 )
 from jointstiff.service.problems import (
     AwayError,
@@ -112,7 +112,7 @@ class _SetInProcess:
         with as_campaign_error("measurement_set"):
             resolved = own_frame(post)
         with as_campaign_error(""):
-            self._campaign = LiveCampaign(Declared(robot.robot, post, resolved))
+            self._campaign = LiveCampaign(Declaration(robot.robot, post, resolved))
             _ = self._campaign.declared.ahead  # computed now to raise an error for what cannot be measured
 
     def state(self) -> LiveState:
@@ -122,13 +122,13 @@ class _SetInProcess:
     def observe(self, observation: Observation) -> LiveState:
         """Add a reading; return the new state."""
         with as_campaign_error(""):
-            self._campaign = self._campaign.with_entry(self._campaign.judged(observation))
+            self._campaign = self._campaign.with_entry(self._campaign.compare_with_prediction(observation))
         return self.state()
 
     def change(self, change: SetChange) -> LiveState:
         """Withdraw or keep readings, or skip a posture; return the new state."""
         with as_campaign_error(""):
-            for entry in self._campaign.entries_of(change):
+            for entry in self._campaign.entries_for_change(change):
                 self._campaign = self._campaign.with_entry(entry)
         return self.state()
 
@@ -137,7 +137,7 @@ class _SetInProcess:
         from jointstiff.service.library.here import Here
 
         with as_campaign_error(""):
-            fields = self._campaign.closing()
+            fields = self._campaign.fields_when_closed()
         if not self._campaign.closed:
             self._campaign = self._campaign.with_entry(Entry("closed", ""))
         kept = {name: fields[name] for name in MeasurementSetDocument.model_fields}
@@ -238,11 +238,11 @@ class LiveMeasurement:
         """
         self._place, self._robot, self._post = place, robot.robot, post
         self._options = cast("LiveOptions", post.open)
-        self._scales = Scales.of(post.units, robot.robot)
+        self._scales = Scales.from_units(post.units, robot.robot)
         self.source, self._wait = source, wait
         self.joint_names, self.joint_kinds = robot.robot.joint_names, robot.robot.joint_kinds
         self._loop: _SourceThread | None = None
-        self._checked: Checked | None = None
+        self._checked: CheckedSource | None = None
         self._confirmed = False
         self.state = place.state()  #: results of the readings so far, and the next reading
         self.run: TabledRun | None = None  #: run of the closed campaign; None before
@@ -433,7 +433,7 @@ class LiveMeasurement:
         if self._loop is not None:
             return
         self._loop = _SourceThread()
-        self._checked = Checked(self.source, self._make_setting(), self._wait)
+        self._checked = CheckedSource(self.source, self._make_setting(), self._wait)
         try:
             self._loop.do(self._checked.open())
         except BaseException:
@@ -492,7 +492,7 @@ class LiveMeasurement:
         Return `read`, or the person's decision to skip the posture or to stop. With the robot's own weight as
         load, read the posture once.
         """
-        loop, checked = cast("_SourceThread", self._loop), cast("Checked", self._checked)
+        loop, checked = cast("_SourceThread", self._loop), cast("CheckedSource", self._checked)
         parts: list[dict[str, Point]] = []
         for loaded in (False,) if isinstance(self._options.load, OwnWeight) else (False, True):
             answer = person.ready(following, loaded=loaded)
@@ -525,7 +525,7 @@ class LiveMeasurement:
         """
         if self._confirmed:
             return
-        profile = cast("_SourceThread", self._loop).do(cast("Checked", self._checked).profile(stand))
+        profile = cast("_SourceThread", self._loop).do(cast("CheckedSource", self._checked).profile(stand))
         if profile is not None and not person.confirms(profile):
             raise RequestError(
                 "nobody confirmed how the lines are read",
@@ -580,13 +580,13 @@ def measure(
     measured, campaign = _robot_and_campaign(robot)
     with as_campaign_error(""):
         area_force = None if force is None else tuple(np.asarray(force, dtype=np.float64).tolist())
-        stated = goal_of(goal, cast("Any", area_force))
+        stated = read_goal(goal, cast("Any", area_force))
         prepared = prepare_robot(measured)
         document = None if campaign is None else campaign.measurement_set
         run = RunOptions() if campaign is None else RunOptions(confidence=campaign.run.confidence)
         weight = None if campaign is None else campaign.run.weight
-        post = declared(prepared, document, stated, _parse_options(named, stated), weight)
-        reader = source_of(source, source_options or {}) if isinstance(source, str) else source
+        post = declare_set(prepared, document, stated, _parse_options(named, stated), weight)
+        reader = make_source(source, source_options or {}) if isinstance(source, str) else source
     place = _SetInProcess(prepared, post, run) if client is None else _SetInService(client, measured, post)
     return LiveMeasurement(place, prepared, post, reader, timeout)
 

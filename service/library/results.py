@@ -47,7 +47,7 @@ _MODELS = {"csv", "xlsx", "mjcf", "xml"}
 class Door(verb.Door, Protocol):
     """Service or process that does work, and also makes files, predictions and new runs from a job."""
 
-    def campaign_of(self, run: Run) -> messages.Campaign | None:
+    def read_campaign(self, run: Run) -> messages.Campaign | None:
         """Return the campaign of a run; None if the campaign is not known."""
 
     def file(
@@ -227,19 +227,19 @@ class PresentedJob(Presented):
             return self._require_origin().sheet(job, file)
         if file.made_of == "work":
             self._require_origin()
-        from jointstiff.service.reports.job import job_sheet
+        from jointstiff.service.reports.job import build_job_sheet
 
-        return job_sheet(file, job, lambda: cast("Any", None))
+        return build_job_sheet(file, job, lambda: cast("Any", None))
 
     def _draw_figure(self) -> Figure:
         """Draw the charts of the kind of job; raise ValueError if the job has no result."""
-        from jointstiff.service.reports.plots import figure_of
+        from jointstiff.service.reports.plots import draw_figure
 
         kind, job = kind_of(self._job.kind), self._job
         if job.result is None:
             raise ValueError(job.error.detail if job.error else f"the {job.kind} is {job.state}")
         areas = [] if kind.area is None else [kind.area(self._sheet(None))]
-        return figure_of(f"{kind.title}: {self._first_line()}", list(kind.charts(job.result)), areas)
+        return draw_figure(f"{kind.title}: {self._first_line()}", list(kind.charts(job.result)), areas)
 
     def table(self, suffix: str) -> bytes:
         """Return the content of the job's main table as a file: `csv`, and for maps also `npz` and `json`.
@@ -361,7 +361,7 @@ class TabledRun(PresentedJob, Run):
         Raises:
             RequestError: the run has no reference to its campaign, such as a run read from a file.
         """
-        campaign = None if self._origin is None else self._require_origin().campaign_of(self)
+        campaign = None if self._origin is None else self._require_origin().read_campaign(self)
         if campaign is None:
             raise RequestError(
                 "the run has no reference to its campaign",
@@ -468,10 +468,10 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
         return {"cases": lambda: prediction_sheet(self)}
 
     def _draw_figure(self) -> Figure:
-        from jointstiff.service.reports.plots import figure_of
+        from jointstiff.service.reports.plots import draw_figure
         from jointstiff.service.runs.deflection import prediction_charts
 
-        return figure_of(f"Predicted deflection: {self._first_line()}", prediction_charts(self))
+        return draw_figure(f"Predicted deflection: {self._first_line()}", prediction_charts(self))
 
 
 class RobotTrend(Presented, Trend):
@@ -542,7 +542,7 @@ class RobotTrend(Presented, Trend):
 
     def _draw_figure(self) -> Figure:
         """Draw a chart of stiffness over campaigns for each joint."""
-        from jointstiff.service.reports.plots import figure_of
+        from jointstiff.service.reports.plots import draw_figure
 
         names = self._campaign_dates()
         charts = []
@@ -552,7 +552,7 @@ class RobotTrend(Presented, Trend):
             ends = {"stiffness": [point.interval for point in joint.points]}
             title = f"{joint.name}: changed" if joint.changed else joint.name
             charts.append(Chart(title, names, series, unit.factor, unit.label, "campaigns", ends, True))
-        return figure_of(f"Trend: {self._first_line()}", charts)
+        return draw_figure(f"Trend: {self._first_line()}", charts)
 
 
 @cache

@@ -19,7 +19,7 @@ from jointstiff.schemas.options import Method, Weighting
 from jointstiff.schemas.robot import ChangedJoint, Estimate, LastCampaign
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.problems import StoreUnavailableError
-from jointstiff.service.resources.stored import described
+from jointstiff.service.resources.stored import robot_from_record
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import MeasurementSetEntry, RobotEntry
 from jointstiff.solver.comparison.campaigns import CHANGED_LEVEL, Change, log_stiffness
@@ -411,8 +411,8 @@ class Trends:
         Raises:
             NotFoundError: there is no such robot.
         """
-        names = [joint.name for joint in described(self._store.robots.get(robot_id)).joints]
-        sets = self._store.sets_of(robot_id)
+        names = [joint.name for joint in robot_from_record(self._store.robots.get(robot_id)).joints]
+        sets = self._store.sets_of_robot(robot_id)
         runs = self._runs_by_set(robot_id, sets)
         selection = choose_selection(runs.values(), query)
         entering, left_out = split_by_comparability(sets, runs, selection)
@@ -434,17 +434,19 @@ class Trends:
         found = self._summarise_last_campaign(entry.id)
         # If the database cannot be written now, the summary is made again next time.
         with suppress(StoreUnavailableError):
-            self._store.robots.derive(entry, None if found is None else found.model_dump(mode="json"))
+            self._store.robots.store_last_campaign(
+                entry, None if found is None else found.model_dump(mode="json")
+            )
         return found
 
     def renew_outdated_summaries(self, most: int) -> None:
         """Renew the outdated summaries of at most `most` robots, so that listing the robots is fast."""
-        for entry in self._store.robots.due(most):
+        for entry in self._store.robots.list_outdated(most):
             self.last_campaign(entry)
 
     def _summarise_last_campaign(self, robot_id: str) -> LastCampaign | None:
         """Return a robot's newest run with the joints that changed in any trend; None without runs."""
-        sets = self._store.sets_of(robot_id)
+        sets = self._store.sets_of_robot(robot_id)
         runs = self._runs_by_set(robot_id, sets)
         if not runs:
             return None
@@ -469,7 +471,7 @@ class Trends:
         Joints of the serial number `newest` come first. If a joint changed in several trends, its change in
         the trend with most campaigns is returned.
         """
-        names = [joint.name for joint in described(self._store.robots.get(robot_id)).joints]
+        names = [joint.name for joint in robot_from_record(self._store.robots.get(robot_id)).joints]
         found: dict[tuple[str | None, str], ChangedJoint] = {}
         by_options = group_by_selection(runs.values())
         for selection in sorted(by_options, key=lambda each: len(by_options[each]), reverse=True):

@@ -66,7 +66,7 @@ def refuse_unaccepted(
         if reason.weight == "do_not_use" and reason.code not in passed_over
     ]
     if reasons and accept_verdict != assessment.verdict:
-        raise VerdictError.of(subject, where, reasons)
+        raise VerdictError.for_result(subject, where, reasons)
 
 
 def require_result(run: Run) -> RunResult:

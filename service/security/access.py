@@ -263,7 +263,7 @@ class Gate:
         else:
             key, _ = await self.session(connection)
         if key is not None and not self.keyring.is_filed(key.id):
-            self._note_use(key.id, key.last_used_at, self._store.keys.used)
+            self._note_use(key.id, key.last_used_at, self._store.keys.mark_used)
         return key
 
     async def still_opens(self, connection: HTTPConnection, key: AccessKey | None) -> bool:
@@ -298,7 +298,7 @@ class Gate:
         key = None if session is None else self.keyring.find(session.key_id)
         if session is None or key is None:
             return None, None
-        self._note_use(hashed, session.used_at, self._store.sessions.used)
+        self._note_use(hashed, session.used_at, self._store.sessions.mark_used)
         return key, session.created_at + SESSION_LONGEST
 
     async def sign_in(self, key: str | None, link: str | None, address: str) -> SignedIn:

@@ -268,7 +268,7 @@ class Keyring:
                 ids_before, self._filed = self._valid_ids_in_file(), self._read_file(self._file)
                 self._gone |= ids_before - self._valid_ids_in_file()
                 if self._gone:  # otherwise their sessions would be valid again if the file came back
-                    self._store.sessions.end_of(sorted(self._gone))
+                    self._store.sessions.end_sessions_of_keys(sorted(self._gone))
                     self._gone.clear()
             self._stored = {key.id: key for key in self._store.keys.all()}
 

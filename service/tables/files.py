@@ -11,7 +11,7 @@ from math import isfinite, nan
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
-from jointstiff.service.problems import missing_extra
+from jointstiff.service.problems import explain_missing_library
 from jointstiff.service.tables.table import Sheet, Value
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ def xlsx_bytes(sheets: Mapping[str, Sheet]) -> bytes:
         from openpyxl.styles import Font
         from openpyxl.utils import get_column_letter
     except ImportError as error:
-        raise missing_extra("an Excel workbook", error) from None
+        raise explain_missing_library("an Excel workbook", error) from None
 
     book = Workbook(write_only=False)
     book.remove(book.worksheets[0])
@@ -194,7 +194,7 @@ def make_data_frame(sheet: Sheet) -> Any:  # noqa: ANN401 - of pandas or polars,
         try:
             import polars
         except ImportError as error:
-            raise missing_extra("to_frame", error) from None
+            raise explain_missing_library("to_frame", error) from None
         return polars.DataFrame(columns, strict=False)
     first = next(iter(columns), None)
     names = columns[first] if first is not None else []

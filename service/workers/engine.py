@@ -23,7 +23,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from jointstiff.service.jobs import PARTS_AT_ONCE, Part
 from jointstiff.service.problems import StoreError
-from jointstiff.service.store.database import engine_of
+from jointstiff.service.store.database import make_engine
 from jointstiff.service.store.store import Store
 
 ATTEMPTS: Final = 5
@@ -70,7 +70,7 @@ class Queue:
         """
         self._store = store
         self._schema = store.schema() or "dbos"  # SQLite has no schemas: DBOS ignores the name
-        self._engine = engine_of(database, _CONNECTIONS)
+        self._engine = make_engine(database, _CONNECTIONS)
         try:
             DBOS.migrate(self._engine.url.render_as_string(hide_password=False), schema=self._schema)
             self._client = DBOSClient(

@@ -105,7 +105,7 @@ class Recovery:
         duties: list[Callable[[], object]] = [
             lambda: self._engine.recover(set(pending.values()) - alive),
             self._fail_given_up,
-            lambda: self._engine.remove_ended_parts(self._store.going_on),
+            lambda: self._engine.remove_ended_parts(self._store.unfinished_among),
             lambda: purge(self._store, self._now() - KEEP_DELETED),
             lambda: self._trends.renew_outdated_summaries(_DERIVED),
         ]

@@ -490,7 +490,9 @@ class ProgramWork(Work):
             reasons.append(make_reason("near_singularity", "use_with_care", message, remedy))
         if capped and self._request.accept_verdict is None:
             items = [("the program", each.message, each.remedy) for each in reasons]
-            raise VerdictError.of("a program whose corrections are held back", "max_displacement", items)
+            raise VerdictError.for_result(
+                "a program whose corrections are held back", "max_displacement", items
+            )
         return assess_with_run("program", reasons, run.assessment)
 
     def _limits(self) -> CorrectionLimits:
@@ -587,7 +589,7 @@ def prepare_compensation(inputs: Inputs, request: ProgramRequest) -> ProgramWork
     if not request.files:
         raise RequestError("no file was sent", where="files", remedy="send the program")
     sent = {hashlib.sha256(unpacked(file)).hexdigest() for file in request.files}
-    for summary in inputs.listed(Program, run.prepared.robot_id):
+    for summary in inputs.job_summaries(Program, run.prepared.robot_id):
         if sent.intersection(summary.get("outputs", ())):
             raise RequestError(
                 f"a file is the output of the compensated program '{summary['id']}'",

@@ -30,7 +30,7 @@ from jointstiff.service.security.access import (
 )
 from jointstiff.service.security.admission import AccessPolicy
 from jointstiff.service.security.keys import digest, mint
-from jointstiff.service.server import _configuration
+from jointstiff.service.server import _configure_uvicorn
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -427,7 +427,7 @@ def test_only_a_configured_proxy_says_where_a_request_comes_from(trusted, seen, 
     async def app(scope, _receive, _send):
         addresses.append(scope["client"][0])
 
-    config = _configuration(app, LogFormat.JSON)
+    config = _configure_uvicorn(app, LogFormat.JSON)
     config.load()
     headers = [(b"x-forwarded-for", b"198.51.100.9")]
     scope = {"type": "http", "client": ("127.0.0.1", 80), "scheme": "http", "headers": headers}

@@ -71,13 +71,13 @@ def test_large_bodies_are_its_and_archives_programs_and_geometries_of_any_size()
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w") as archive:
         archive.writestr("a.csv", "a,b\n")
-    assert limited.is_limited("/v1/imports", b"--boundary" + content.getvalue())
-    assert limited.is_limited("/v1/robots", LARGE)
-    assert not limited.is_limited("/v1/robots", LARGE[:-1])
-    assert not limited.is_limited("/v1/runs", LARGE)  # its answer may wait for workers
-    assert limited.is_limited("/v1/programs", b"--boundary")
-    assert not limited.is_limited("/v1/programs/p/program", b"")
-    assert limited.is_limited("/v1/geometries", b"{}")
+    assert limited.belongs_to_child("/v1/imports", b"--boundary" + content.getvalue())
+    assert limited.belongs_to_child("/v1/robots", LARGE)
+    assert not limited.belongs_to_child("/v1/robots", LARGE[:-1])
+    assert not limited.belongs_to_child("/v1/runs", LARGE)  # its answer may wait for workers
+    assert limited.belongs_to_child("/v1/programs", b"--boundary")
+    assert not limited.belongs_to_child("/v1/programs/p/program", b"")
+    assert limited.belongs_to_child("/v1/geometries", b"{}")
 
 
 class InThread(LimitedChild):

@@ -106,7 +106,7 @@ def test_to_look_for_keys_makes_no_database(folder, arguments):
     refused = run("keys", *arguments, "--database", "sqlite:///none.db")
     assert refused.exit_code == 2
     assert " ".join(refused.stderr.split()) == (
-        "there is no database none.db remedy: "
+        "the database none.db does not exist remedy: "
         "give sqlite:///path/to/file.db or postgresql://user:password@host/database"
     )
     assert not (folder / "none.db").exists()

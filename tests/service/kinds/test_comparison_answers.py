@@ -14,7 +14,7 @@ from support.terminal import terminal
 import jointstiff as js
 from jointstiff.schemas.comparison import CampaignComparison
 from jointstiff.service.kinds.comparison.kind import COMPARISON, entries_sheet
-from jointstiff.service.reports.job import job_report
+from jointstiff.service.reports.job import lay_out_job
 from jointstiff.service.tables.files import csv_text
 from jointstiff.service.tables.table import Sheet
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -244,7 +244,7 @@ def shown(comparison, width=200):
     """Return the words of a comparison in a terminal."""
     console = Console(width=width, highlight=False)
     with console.capture() as caught:
-        console.print(job_report(COMPARISON, comparison))
+        console.print(lay_out_job(COMPARISON, comparison))
     return " ".join(caught.get().split())
 
 

@@ -60,7 +60,7 @@ def test_the_report_states_masses_with_their_bounds_and_shares_of_intervals(loca
         "prediction is not valid",
         "joint_2 | 65 % | 35 % |",
         "joint_3 | 32 % | 68 % |",
-        "Shares of each interval's width, by the readings and by the bounds of the masses.",
+        "Shares of each interval's width: from the readings, and from the bounds of the masses.",
         "– Deviations: none.",
         "link 1 380 kg (342 to 418); link 2 230 kg (207 to 253); link 3 260 kg (234 to 286); link 4 95 kg "
         "(85.5 to 104.5); link 5 55 kg (49.5 to 60.5); link 6 48 kg (43.2 to 52.8)",

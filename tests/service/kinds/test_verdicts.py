@@ -26,7 +26,7 @@ import jointstiff
 import jointstiff as js
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.reports.exports import FORMATS
-from jointstiff.service.reports.job import job_report
+from jointstiff.service.reports.job import lay_out_job
 from jointstiff.service.runs.verdicts import find_far_points
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -198,7 +198,7 @@ def test_every_kind_says_first_that_its_run_is_not_to_be_used(kind, local, post_
     job = post_job(kind, **(ACCEPTED if kind in REFUSED else {})).json()
     (found,) = [each for each in KINDS if each.name == kind]
     shown = io.StringIO()
-    Console(file=shown, width=120).print(job_report(found, found.message.model_validate(job)))
+    Console(file=shown, width=120).print(lay_out_job(found, found.message.model_validate(job)))
     first, *rest = shown.getvalue().splitlines()
     assert first.strip() == FIRST[kind]
     accepted = [

@@ -102,14 +102,14 @@ def test_an_observation_is_acknowledged_once_and_survives(database_url):
 def test_a_reading_that_comes_while_the_set_closes_is_in_it(service, monkeypatch):
     """What was answered 201 is not lost."""
     address = declared(service)
-    state, closing = measured(service, address, 5), LiveCampaign.closing
+    state, closing = measured(service, address, 5), LiveCampaign.fields_when_closed
 
     def late(self: LiveCampaign) -> dict[str, Any]:
         monkeypatch.undo()
         assert service.post(f"{address}/observations", json=read(state["next"])).status_code == 201
         return closing(self)  # of the record as it was loaded before
 
-    monkeypatch.setattr(LiveCampaign, "closing", late)
+    monkeypatch.setattr(LiveCampaign, "fields_when_closed", late)
     closed = service.post(f"{address}/close").json()
     stored = service.get(address).json()
     assert len(closed["readings"]) == len(stored["observations"]) == 6

@@ -90,7 +90,7 @@ def test_the_record_goes_and_comes_with_its_set_and_after_the_robot(client, stor
     assert (deleted(client, address), deleted(client, robot)) == (200, 200)
     purge(store, datetime.now(UTC))
     assert deleted(client, robot, gone=False) == 404
-    assert store.live_entries.of(set_id=address.rpartition("/")[2]) == []
+    assert store.live_entries.find(set_id=address.rpartition("/")[2]) == []
 
 
 def test_who_follows_a_closed_set_is_told_so_once(client):

@@ -11,7 +11,7 @@ from support.live import ARM, EXACT, OPEN, declared, described, measured, read
 from support.rows import rows_of
 
 from jointstiff.service.app import create_app
-from jointstiff.service.live.declaration import goal_of
+from jointstiff.service.live.declaration import read_goal
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import LOAD_POINT, robot_document, simulate_campaign
 from jointstiff.solver.errors import RequestError
@@ -310,14 +310,14 @@ def test_the_reading_that_is_held_out_is_announced_and_counts_towards_the_goal(c
 )
 def test_a_goal_is_understood_in_words(words, goal):
     ((_, kind), (name, number)) = goal.items()
-    found = goal_of(words)
+    found = read_goal(words)
     assert (found.kind, getattr(found, name)) == (kind, pytest.approx(number))
 
 
 @pytest.mark.parametrize("words", ["", "15", "below 3 %", "six um", "0 mm", "-1 um"])
 def test_other_words_are_no_goal(words):
     with pytest.raises(RequestError) as refused:
-        goal_of(words)
+        read_goal(words)
     assert str(refused.value) == (
         f'goal: {words!r} is not a goal; write "15 %" for every joint, "6 um" for the deflection in the work '
         f"area, "

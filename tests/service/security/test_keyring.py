@@ -121,8 +121,8 @@ def test_the_right_id_with_another_secret_is_wrong():
 def test_last_uses_only_grow(database_url):
     with Store.open(database_url) as store:
         store.keys.add(KEYS[0].record)
-        store.keys.used(KEYS[0].record.id, NOW)
-        store.keys.used(KEYS[0].record.id, NOW - timedelta(hours=1))
+        store.keys.mark_used(KEYS[0].record.id, NOW)
+        store.keys.mark_used(KEYS[0].record.id, NOW - timedelta(hours=1))
         assert [key.last_used_at for key in store.keys.all()] == [NOW]
 
 

@@ -228,7 +228,7 @@ def test_a_session_ends_idle_and_for_good(store):
     at = NOW
     while at < NOW + SESSION_LONGEST:
         assert store.sessions.find(SESSION.token_hash, at) is not None
-        store.sessions.used(SESSION.token_hash, at)
+        store.sessions.mark_used(SESSION.token_hash, at)
         at += SESSION_IDLE / 2
     assert store.sessions.find(SESSION.token_hash, NOW + SESSION_LONGEST) is None
 
@@ -490,7 +490,7 @@ def test_what_each_look_of_a_worker_reads_is_found_by_an_index(store):
         engine = connection.engine
     sa.event.listen(engine, "before_cursor_execute", show)
     store.open_jobs([kind.name for kind in KINDS])
-    store.going_on(["a", "b"])
+    store.unfinished_among(["a", "b"])
     assert len(plans) == 2
     for plan in plans:
         text = "\n".join(map(str, plan))

@@ -24,7 +24,7 @@ from jointstiff.service.kinds.comparison.kind import _by_interval
 from jointstiff.service.kinds.comparison.kind import _interval as interval_text
 from jointstiff.service.kinds.run.kind import RUN
 from jointstiff.service.reports.exports import explain_missing_stiffness
-from jointstiff.service.reports.job import job_report
+from jointstiff.service.reports.job import lay_out_job
 from jointstiff.service.tables import terminal
 from jointstiff.service.tables.report import list_request_fields
 from jointstiff.service.tables.stiffness import UNITS
@@ -60,7 +60,7 @@ def test_the_terminal_offers_the_units_of_the_reports():
 
 def test_compliances_as_a_unit(document):
     run = identified(document)
-    text = printed(job_report(RUN, run, unit="urad/Nm"))
+    text = printed(lay_out_job(RUN, run, unit="urad/Nm"))
     joint = run.result.joints[1]
     row = next(line for line in text.splitlines() if line.startswith("│ joint_2")).replace("joint_2", "")
     value, uncertainty, low, high = map(float, re.findall(r"(?<![_\d])\d+(?:\.\d+)?", row))
@@ -79,7 +79,7 @@ def test_at_most_three_things_to_do_and_nothing_twice(document):
         observation["readings"][0]["loaded"][0] += 3e-3
     bumped = identified(wrong)
     assert len(bumped.result.warnings) > 3
-    text = printed(job_report(RUN, bumped))
+    text = printed(lay_out_job(RUN, bumped))
     to_do = text.split("To do\n")[1].splitlines()
     assert 0 < len(to_do) <= 3
     assert text.startswith("Do not use") or text.startswith("Use with care")
@@ -128,7 +128,7 @@ def test_shares_of_the_budget_are_those_of_the_result(document):
     sizes = {joint.name: joint.compliance for joint in found.result.joints}
     lines = re.findall(
         r"uncertainty from .*?: ([\d.e-]+)(?: to ([\d.e-]+))? %",
-        printed(job_report(RUN, found, details=True)),
+        printed(lay_out_job(RUN, found, details=True)),
     )
     assert len(lines) == len(budget.components) > 2
     for part, ends in zip(budget.components, lines, strict=True):
