@@ -26,7 +26,7 @@ ROOMS: Final[Mapping[str, Room]] = MappingProxyType(_import_rooms())
 """Rooms by kind. The package of a kind has its name; the package's module `kind` declares it in capitals."""
 
 
-def kind_of(name: str) -> AnyKind:
+def import_kind(name: str) -> AnyKind:
     """Import and return the declaration of a kind, such as `RUN` for "run"; other kinds are not imported."""
     kind: AnyKind = getattr(import_module(f"{kinds.__name__}.{name}.kind"), name.upper())
     return kind

@@ -183,7 +183,7 @@ def describe_fields(verb: Callable[..., object], options: type[Message]) -> None
     verb.__doc__ = "\n".join([inspect.cleandoc(verb.__doc__ or ""), "\nKeyword Args:", *lines])
 
 
-def verb_of(kind: str) -> Callable[..., Any]:
+def import_verb(kind: str) -> Callable[..., Any]:
     """Import and return the verb of a kind, a function whose first argument is a door."""
     verb: Callable[..., Any] = getattr(import_module(f"{kinds.__name__}.{kind}.verb"), ROOMS[kind].command)
     return verb

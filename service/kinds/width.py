@@ -38,7 +38,7 @@ class CancelledWorkError(BaseException):
     """The caller has cancelled the work."""
 
 
-def in_order(
+def map_in_order(
     executor: Executor,
     function: Callable[[_First], _Answer],
     arguments: Iterable[_First],
@@ -125,7 +125,7 @@ def _answer_or_error(function: Callable[[_First], _Answer], argument: _First) ->
     try:
         with one_thread():
             return function(argument), None
-    except Exception as error:  # noqa: BLE001 - raised by `in_order`
+    except Exception as error:  # noqa: BLE001 - raised by `map_in_order`
         error.add_note(traceback.format_exc())
         return None, error
 
@@ -161,7 +161,7 @@ def compute_steps(
             part = work.detach_for_step(span)
             return pickle_whole() if part is work else pickle.dumps(part), span
 
-        yield from in_order(executor, _compute_task, map(make_task, spans), cancelled)
+        yield from map_in_order(executor, _compute_task, map(make_task, spans), cancelled)
         return
     for span in spans:
         if cancelled():

@@ -100,21 +100,21 @@ def cut_into_spans(count: int, size: int) -> tuple[Span, ...]:
     return tuple((start, min(start + size, count)) for start in range(0, count, size))
 
 
-def joined(parts: Iterable[Arrays]) -> dict[str, npt.NDArray[Any]]:
+def concatenate_steps(parts: Iterable[Arrays]) -> dict[str, npt.NDArray[Any]]:
     """Concatenate the arrays of all steps along the first axis, by name; at least one step is needed."""
     listed = list(parts)
     return {name: np.concatenate([part[name] for part in listed]) for name in listed[0]}
 
 
-def pack(arrays: Arrays) -> bytes:
-    """Return the arrays of a step as the bytes of an npz file, for the store; `unpack` reads them."""
+def pack_arrays(arrays: Arrays) -> bytes:
+    """Return the arrays of a step as the bytes of an npz file, for the store; `unpack_arrays` reads them."""
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **arrays)  # not compressed: the digits are as good as random
     return buffer.getvalue()
 
 
-def unpack(content: bytes) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays, by name, from bytes that `pack` wrote."""
+def unpack_arrays(content: bytes) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays, by name, from bytes that `pack_arrays` wrote."""
     with np.load(io.BytesIO(content), allow_pickle=False) as archive:
         return dict(archive)
 
@@ -186,7 +186,7 @@ def carry_out(
         return work.conclude(parts)
 
     try:
-        result, error = outcome_of(compute, (RequestError, ExecutorError, StoreUnavailableError))
+        result, error = compute_outcome(compute, (RequestError, ExecutorError, StoreUnavailableError))
     except CancelledWorkError:
         return job.model_copy(update={"state": "cancelled"})
     progress = job.progress and job.progress.model_copy(update={"done": job.progress.total})
@@ -205,7 +205,7 @@ def carry_out(
     )
 
 
-def outcome_of(
+def compute_outcome(
     compute: Callable[[], Message], passed: tuple[type[Exception], ...] = (RequestError,)
 ) -> tuple[Message | None, Problem | None]:
     """Call the computation of a job; return its result and None, or None and the problem of its failure.

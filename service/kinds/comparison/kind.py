@@ -64,7 +64,7 @@ def report(_job: Comparison, result: ComparisonResult, view: View) -> Report:
     parts: list[Part] = []
     if result.joints:
         parts += _list_ratio_parts(result, view.unit)
-    entries = sorted((entry for entry in result.entries if entry.joints), key=_place_in_table)
+    entries = sorted((entry for entry in result.entries if entry.joints), key=_table_sort_key)
     methods = {_short_name(entry) for entry in entries}
     if entries and (len(result.sides) == 1 or len(methods) > 1):
         parts += _list_method_parts(entries, view)
@@ -82,8 +82,8 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
                 Column("joint", [joint.name for joint in joints], text=True),
                 Column("first", first.joints, unit.concise),
                 Column("second", second.joints, unit.concise),
-                Column("ratio", joints, lambda joint: _by_interval(joint.ratio, joint)),
-                Column(f"{100 * result.confidence:g} % interval", joints, _interval),
+                Column("ratio", joints, lambda joint: _ratio_text(joint.ratio, joint)),
+                Column(f"{100 * result.confidence:g} % interval", joints, _interval_text),
                 Column(
                     "p", [joint.p_value for joint in joints], lambda p: "< 0.0001" if p < 1e-4 else f"{p:.2g}"
                 ),
@@ -100,7 +100,7 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
     if avoided is not None:
         measured = "no observation is common to both sides"
         if avoided.measured is not None:
-            shown = _percent(avoided.measured)
+            shown = _share_text(avoided.measured)
             measured = f"measured {shown} in {avoided.matching} observations on both sides"
         predicted = percent(avoided.predicted)
         parts.append(
@@ -109,20 +109,20 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
     return parts
 
 
-def _by_interval(ratio: float | None, joint: JointRatio) -> str:
+def _ratio_text(ratio: float | None, joint: JointRatio) -> str:
     """Format a ratio of stiffnesses, rounded to two digits of the half width of its interval."""
     low, high = joint.ratio_interval or (None, None)
     return rounded(ratio, None if low is None or high is None else max(high - low, 0.0) / 2, ".3g")
 
 
-def _interval(joint: JointRatio) -> str:
+def _interval_text(joint: JointRatio) -> str:
     """Format the interval of a ratio. Fieller's interval may have no limit, or exclude a range of ratios."""
     if joint.ratio_interval is None:
         return NO_NUMBER
     if joint.ratio_excluded is not None:
         low, high = joint.ratio_excluded
         return f"not {low:.3g} … {high:.3g}"
-    return " … ".join("no limit" if end is None else _by_interval(end, joint) for end in joint.ratio_interval)
+    return " … ".join("no limit" if end is None else _ratio_text(end, joint) for end in joint.ratio_interval)
 
 
 def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:
@@ -153,7 +153,7 @@ def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:
     )
 
 
-def _percent(share: Estimate) -> str:
+def _share_text(share: Estimate) -> str:
     """Format a share in %, with its standard uncertainty if it has one."""
     if not share.standard_uncertainty:
         return percent(share.value)
@@ -251,7 +251,7 @@ def _row_name(side: SideName, positive: bool, *, several_sides: bool) -> str:
     return f"{f'{_SIDES.index(side) + 1} ' * several_sides}{_CONSTRAINTS[positive]}"
 
 
-def _place_in_table(entry: ComparedRun) -> tuple[int, int, bool, int]:
+def _table_sort_key(entry: ComparedRun) -> tuple[int, int, bool, int]:
     """Return the key by which runs are sorted in tables: method, weighting, constraint, side."""
     weighting = ("characteristic_length", "uniform", "covariance").index(entry.weighting)
     return list(_SHORT).index(entry.method), weighting, entry.positive, _SIDES.index(entry.side)
@@ -376,14 +376,15 @@ def charts(result: ComparisonResult) -> list[Chart]:
         )
     if common := _common_configurations(result):
         series = {
-            f"{side.side} side": [_deflections(side)[label] for label in common] for side in result.sides
+            f"{side.side} side": [_deflection_by_label(side)[label] for label in common]
+            for side in result.sides
         }
         title = "Deflection of each configuration that both sides have, mean over the targets"
         charts.insert(0, Chart(title, common, series, 1e3, "mm"))
     return charts
 
 
-def _deflections(side: ComparedSide) -> dict[str, float | None]:
+def _deflection_by_label(side: ComparedSide) -> dict[str, float | None]:
     """Return the measured deflection [m] of each configuration of a side, by label."""
     return dict(zip(side.configurations, side.deflection, strict=True))
 

@@ -106,7 +106,7 @@ def compare_runs(inputs: Inputs, request: ComparisonRequest, runs: Sequence[Meas
     warnings: dict[
         tuple[str, str | None], Finding
     ] = {}  # only the first warning of each code and place is kept
-    for finding in (finding for each in runs for finding in _warnings(each.run)):
+    for finding in (finding for each in runs for finding in _list_warnings(each.run)):
         warnings.setdefault((finding.code, finding.where), finding)
     result = ComparisonResult(
         assessment=combined(verdicts or [Assessment(verdict="do_not_use", reasons=[_NO_FIT])]),
@@ -123,7 +123,7 @@ def compare_runs(inputs: Inputs, request: ComparisonRequest, runs: Sequence[Meas
     return _add_ratios(inputs, request, by_side, leading, result)
 
 
-def _warnings(run: Run) -> list[Finding]:
+def _list_warnings(run: Run) -> list[Finding]:
     """Return the warnings of a run; none if it has failed."""
     return [] if run.result is None else run.result.warnings
 
@@ -190,7 +190,7 @@ def _add_ratios(
     sides = [_make_solver_side(inputs, leading[name], by_side[name]) for name in _SIDES]
     pair = compare_sides(*sides, confidence=result.confidence, ordered=request.ordered)
     warnings = [
-        _place_finding(finding, name) for name, run, _ in leading_runs for finding in _warnings(run.run)
+        _place_finding(finding, name) for name, run, _ in leading_runs for finding in _list_warnings(run.run)
     ]
     if models_differ(sides[0].robot, sides[1].robot):
         warnings.append(_OTHER_MODEL)
@@ -253,7 +253,7 @@ def _make_solver_side(inputs: Inputs, leading: MeasuredRun, runs: Sequence[Measu
     causes = [cause.pair for cause in run.request.causes]
     measurements = fit_causes(prepared.robot, prepared.measurements, causes)
     stiffness = run.result.complementary_stiffness if run.result else None
-    model = _joint_model(run, prepared.robot)
+    model = _rebuild_joint_model(run, prepared.robot)
     return Side(
         robot=prepared.robot,
         measurements=measurements,
@@ -264,7 +264,7 @@ def _make_solver_side(inputs: Inputs, leading: MeasuredRun, runs: Sequence[Measu
     )
 
 
-def _joint_model(run: Run, robot: Robot) -> JointModel:
+def _rebuild_joint_model(run: Run, robot: Robot) -> JointModel:
     """Return the model of a run in which only joints are elastic.
 
     Raises:
@@ -291,7 +291,7 @@ def _find_unconstrained_run(run: Run, runs: Sequence[MeasuredRun]) -> Run:
         return run
     for each in (each.run for each in runs if each.run.result is not None):
         free = all(getattr(each.request, name) == value for name, value in UNCONSTRAINED.items())
-        if free and _options_that_count(each) == _options_that_count(run):
+        if free and _influential_options(each) == _influential_options(run):
             return each
     return run
 
@@ -301,7 +301,7 @@ def has_active_constraint(run: Run) -> bool:
     return any(joint.status == "at_bound" for joint in (run.result.joints if run.result else ()))
 
 
-def _options_that_count(run: Run) -> dict[str, Any]:
+def _influential_options(run: Run) -> dict[str, Any]:
     """Return the options of a run that influence its estimate, other than constraints."""
     without_influence = {
         "measurement_set_id",
@@ -316,7 +316,7 @@ def _options_that_count(run: Run) -> dict[str, Any]:
 
 def _make_free_estimate(run: Run, robot: Robot) -> FreeEstimate:
     """Return a run's estimate without constraints: compliances (n,), their covariance (n, n) by source."""
-    model, result = _joint_model(run, robot), run.result
+    model, result = _rebuild_joint_model(run, robot), run.result
     if result is None:
         raise ValueError("a run without a result has no model")
     joints, likelihood, n = result.joints, model.likelihood, robot.n

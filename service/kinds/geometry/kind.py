@@ -52,7 +52,7 @@ def report(_job: Geometry, result: GeometryResult, view: View) -> Report:
     """Return the axes, the links and a summary; `view.details` adds the evidence and the remarks."""
     parts: list[Part] = [_axes_table(result)]
     if view.details:
-        parts += _evidence(result)
+        parts += _evidence_parts(result)
     if result.links:
         parts.append(_links_table(result.links))
     parts.append(Line("\n".join(f"  {line}" for line in _summary_lines(result, details=view.details))))
@@ -62,7 +62,7 @@ def report(_job: Geometry, result: GeometryResult, view: View) -> Report:
     )
 
 
-def _evidence(result: GeometryResult) -> list[Part]:
+def _evidence_parts(result: GeometryResult) -> list[Part]:
     """Return tables and lines on sweeps, poses, tracker frame, targets, wrist centre and drift."""
     parts: list[Part] = []
     if result.sweeps:

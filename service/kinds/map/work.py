@@ -13,7 +13,7 @@ from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.robots import kinds_of, refuse_far_point, refuse_other_angles
-from jointstiff.service.kinds.work import Arrays, Span, Work, cut_into_spans, joined
+from jointstiff.service.kinds.work import Arrays, Span, Work, concatenate_steps, cut_into_spans
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import (
     RunModel,
@@ -62,7 +62,7 @@ class MapWork(Work):
         self.robot, self.request = robot, request
         options = request.model_dump_json(exclude={"run_id", "name"})
         self.input_hash = hash_of(run.provenance.input_hash, options)
-        self._used = RunModel.of(robot, run, absolute=request.absolute)
+        self._run_model = RunModel.of(robot, run, absolute=request.absolute)
         self._task, self.places = make_map_task(request, robot), make_grid(request)
         try:
             self._inverse = InverseKinematics(robot, self._task.near)
@@ -81,7 +81,9 @@ class MapWork(Work):
             JointstiffError: the springs have no stable equilibrium under the load.
         """
         places = self.places[slice(*span)]
-        return vars(map_places(self._used.model, self._used.error, self._task, self._inverse, places))
+        return vars(
+            map_places(self._run_model.model, self._run_model.error, self._task, self._inverse, places)
+        )
 
     def conclude(self, parts: Sequence[Arrays]) -> MapResult:
         """Return the summary of the map, from the columns of all steps.
@@ -89,7 +91,7 @@ class MapWork(Work):
         Raises:
             JointstiffError: as `compute` does.
         """
-        table, used = DeflectionMap(**joined(parts)) if parts else self.table, self._used
+        table, used = DeflectionMap(**concatenate_steps(parts)) if parts else self.table, self._run_model
         tool = self._task.rotation @ _unit_vector(self.request.tool_axis, "tool_axis")
         numbers = map_numbers(table, self.places, tool)
         return MapResult(
@@ -104,7 +106,7 @@ class MapWork(Work):
         """Return the reasons against use of the map, in addition to the reasons against its run."""
         counts, places, worst = numbers["counts"], numbers["places"], numbers["worst"]
         return [
-            *of_deflection(None if worst is None else worst.deflection, self._used.result),
+            *of_deflection(None if worst is None else worst.deflection, self._run_model.result),
             *of_missing(places - counts["reached"], places, "places", unseen=counts["unseen_joint"] > 0),
             *of_points([self.request.place, self.request.load_point]),
             *of_campaign(numbers["extrapolated"], places, "places"),
@@ -113,7 +115,7 @@ class MapWork(Work):
     @cached_property
     def table(self) -> DeflectionMap:
         """Table of all places, with the same numbers whenever it is computed, because a run never changes."""
-        return DeflectionMap(**joined(map(self.compute, self._blocks())))
+        return DeflectionMap(**concatenate_steps(map(self.compute, self._blocks())))
 
     def sheet(self) -> Sheet:
         """Return the table of all places for files, units in headers; NaN where a place has no answer."""
@@ -143,7 +145,7 @@ class MapWork(Work):
 
     def _blocks(self) -> tuple[Span, ...]:
         """Return the places, cut into spans of as many as take a quarter of a second."""
-        poses = POSES_A_STEP // _ELASTIC if self._used.model.first_order else POSES_A_STEP
+        poses = POSES_A_STEP // _ELASTIC if self._run_model.model.first_order else POSES_A_STEP
         size = max(1, poses // len(self._task.rotation))
         return cut_into_spans(len(self.places), size)
 

@@ -69,7 +69,7 @@ def report(job: Plan, result: PlanResult, view: View) -> Report:
             "the list has only the new readings, but the predicted uncertainties also use those of the "
             "campaign so far: identify both together, as in the campaign to fill in"
         )
-    readings = _readings(job, result, boxes=view.details)
+    readings = _readings_table(job, result, boxes=view.details)
     return Report([_joints_table(result), readings, *map(Line, lines)])
 
 
@@ -111,7 +111,7 @@ def _uncertainty_cell(joint: PlannedJoint, uncertainty: float | None) -> str | N
     return None if uncertainty is None else f"{figure(1e9 * uncertainty, '.3g')} {unit}"
 
 
-def _readings(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
+def _readings_table(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
     """Return the table of readings: posture, force, direction; with `boxes`, columns to tick on paper."""
     readings = result.readings
     gauged = any(each.direction is not None for each in readings)
@@ -129,9 +129,9 @@ def _readings(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
             *([Column("block", [str(each.block) for each in readings], text=True)] if blocks > 1 else []),
             *angles,
             Column("force", [hypot(*each.force) for each in readings], number(".0f"), "N"),
-            Column("direction", [_force_direction(job, each) for each in readings], text=True),
+            Column("direction", [_force_direction_text(job, each) for each in readings], text=True),
             *(
-                [Column("read along", [_gauge_direction(each) for each in readings], text=True)]
+                [Column("read along", [_gauge_direction_text(each) for each in readings], text=True)]
                 if gauged
                 else []
             ),
@@ -139,7 +139,7 @@ def _readings(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
         ],
         title="Readings, in order",
         caption=f"v…: held out, to judge the model. Targets: {', '.join(result.targets)}. "
-        f"Load point in the flange frame: {_millimetres(result.load_point)} mm",
+        f"Load point in the flange frame: {_position_text(result.load_point)} mm",
         plain=True,
     )
 
@@ -158,30 +158,32 @@ def _joint_names(result: PlanResult) -> list[str]:
     return known if len(known) == count else [f"axis {j + 1}" for j in range(count)]
 
 
-def _force_direction(job: Plan, reading: PlannedReading) -> str:
+def _force_direction_text(job: Plan, reading: PlannedReading) -> str:
     """Describe the direction of a force: the anchor of a cable, own weight, down, or components in R0."""
     if reading.anchor is not None and isinstance(job.request.load, Cable):
-        return f"to anchor {reading.anchor + 1}, {_millimetres(job.request.load.anchors[reading.anchor])} mm"
+        return (
+            f"to anchor {reading.anchor + 1}, {_position_text(job.request.load.anchors[reading.anchor])} mm"
+        )
     size = hypot(*reading.force)
     if not size:
         return "own weight"
     unit = [part / size for part in reading.force]
-    return "down" if unit[2] < _DOWN else _components(unit)
+    return "down" if unit[2] < _DOWN else _vector_text(unit)
 
 
-def _gauge_direction(reading: PlannedReading) -> str:
+def _gauge_direction_text(reading: PlannedReading) -> str:
     """Describe the direction of a gauge as `import` reads it: an axis of R0 such as "z", or components."""
     direction = reading.direction or (0.0, 0.0, 0.0)
     axis = next((axis for axis, part in zip("xyz", direction, strict=True) if abs(part) > -_DOWN), None)
-    return axis or _components(direction)
+    return axis or _vector_text(direction)
 
 
-def _components(unit: Sequence[float]) -> str:
+def _vector_text(unit: Sequence[float]) -> str:
     """Format the components of a unit vector."""
     return "  ".join(f"{axis} {part:+.2f}" for axis, part in zip("xyz", unit, strict=True))
 
 
-def _millimetres(position: Sequence[float]) -> str:
+def _position_text(position: Sequence[float]) -> str:
     """Format the coordinates of a position [m] in mm."""
     return ", ".join(f"{1e3 * part:.0f}" for part in position)
 
@@ -199,7 +201,9 @@ def readings_sheet(plan: Plan) -> Sheet:
         f"joint_{j + 1} [{'mm' if j in prismatic else 'deg'}]" for j in range(len(result.readings[0].joints))
     ]
     point_names = [f"load point {axis} [mm]" for axis in "xyz"]
-    gauge_axes = {axis for each in result.readings if (axis := _gauge_direction(each)) in ("x", "y", "z")}
+    gauge_axes = {
+        axis for each in result.readings if (axis := _gauge_direction_text(each)) in ("x", "y", "z")
+    }
     gauged = any(each.direction is not None for each in result.readings)
     states = ("along",) if gauged else ("unloaded", "loaded")
     empty = [
@@ -219,7 +223,7 @@ def readings_sheet(plan: Plan) -> Sheet:
             **{name: round(1e3 * part, 3) for name, part in zip(point_names, result.load_point, strict=True)},
             "anchor": None if each.anchor is None else each.anchor + 1,
             "validation": int(each.held_out),
-            **({"remark": f"read along {_gauge_direction(each)}"} if gauged else {}),
+            **({"remark": f"read along {_gauge_direction_text(each)}"} if gauged else {}),
             **dict.fromkeys(empty),
         }
         for each in result.readings

@@ -47,7 +47,7 @@ _LINKS: Final = frozenset({"deflection_unexplained"})
 
 
 @dataclass(frozen=True, eq=False)
-class Planned:
+class PlanInput:
     """The robot of a plan, and the campaign that it continues, if any."""
 
     robot: Robot  # the robot
@@ -76,7 +76,7 @@ def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
         )
     if request.measurement_set_id is None:
         robot, content = inputs.robot(str(request.robot_id), "robot_id")
-        planned = Planned(robot, str(request.robot_id), content)
+        planned = PlanInput(robot, str(request.robot_id), content)
     else:
         prepared = inputs.measured(request.measurement_set_id, "measurement_set_id", request.leave_out)
         if request.load is None and not prepared.measurements.force.any():
@@ -87,7 +87,7 @@ def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
             causes = [cause.pair for cause in request.causes]
             readings = fit_causes(prepared.robot, prepared.measurements.with_loads(), causes)
             prepared = replace(prepared, measurements=readings)
-        planned = Planned(prepared.robot, prepared.robot_id, prepared.content, prepared)
+        planned = PlanInput(prepared.robot, prepared.robot_id, prepared.content, prepared)
     options = request.model_dump_json(exclude={"robot_id", "measurement_set_id"})
     return QuickWork(
         result=partial(_compute_plan, planned, request),
@@ -96,7 +96,7 @@ def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
     )
 
 
-def _compute_plan(planned: Planned, request: plans.PlanRequest) -> PlanResult:
+def _compute_plan(planned: PlanInput, request: plans.PlanRequest) -> PlanResult:
     """Identify the campaign so far, if there is one, then plan further readings, and return the plan.
 
     Raises:
@@ -151,7 +151,7 @@ def _compute_plan(planned: Planned, request: plans.PlanRequest) -> PlanResult:
     wanted = to_design_request(
         request, robot, nominal=nominal, sigma=sigma, unexplained=unexplained, so_far=so_far
     )
-    names, _ = named_targets(request, robot, so_far)
+    names, _ = choose_targets(request, robot, so_far)
     found = to_plan_result(wanted, plan_campaign(robot, wanted), robot, names, assessment)
     return found.model_copy(update={"assessment": judged("plan", _list_reasons(found), assessment)})
 
@@ -218,7 +218,7 @@ def to_design_request(
             known.standard_uncertainty / known.stiffness**2
         )  # of the compliance c = 1/k: u(c) = u(k)/k²
         nominal[j] = 1.0 / known.stiffness
-    names, targets = named_targets(request, robot, so_far)
+    names, targets = choose_targets(request, robot, so_far)
     load = request.load if isinstance(request.load, OwnWeight) else None
     if load and not (robot.bodies and np.isfinite(nominal).any()):
         raise RequestError(
@@ -253,7 +253,7 @@ def to_design_request(
         readings=request.readings,
         nominal=nominal,
         prior=prior,
-        cell=_cell(request.surroundings, names),
+        cell=_check_facing(request.surroundings, names),
         criterion=request.criterion or ("relative_a" if area is None else "work_area"),
         postures=_candidate_postures(request, robot),
         candidates=request.candidates,
@@ -339,7 +339,7 @@ def to_plan_result(
     )
 
 
-def named_targets(
+def choose_targets(
     request: plans.PlanRequest, robot: Robot, so_far: Measurements | None
 ) -> tuple[tuple[str, ...], FloatArray]:
     """Return the names (T) and positions (T, 3) of the targets in the flange frame [m].
@@ -421,7 +421,7 @@ def _gauge_directions(request: plans.PlanRequest) -> FloatArray | None:
     return np.asarray(vectors / length)
 
 
-def _cell(around: plans.Surroundings, names: tuple[str, ...]) -> plans.Surroundings:
+def _check_facing(around: plans.Surroundings, names: tuple[str, ...]) -> plans.Surroundings:
     """Return the surroundings, with the directions of reflectors sorted in the order of the targets."""
     if not around.facing:
         return around

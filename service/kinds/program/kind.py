@@ -49,11 +49,11 @@ def _compute(inputs: Inputs, request: ProgramRequest) -> Work:
 
 def _points_sheet(job: Program) -> Sheet:
     """Return the table of all points from the result of a program."""
-    from jointstiff.service.kinds.program.work import points_sheet, unpacked
+    from jointstiff.service.kinds.program.work import decompress_file, points_sheet
 
     if job.result is None:
         raise ValueError("the program has no result")
-    return points_sheet(unpacked(job.result.table))
+    return points_sheet(decompress_file(job.result.table))
 
 
 _CONTENT: Final = re.compile(r'"content":"[A-Za-z0-9+/=]*"')

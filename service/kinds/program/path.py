@@ -433,7 +433,9 @@ class StatedConfigurations:
             )
         return ranges
 
-    def edits(self, indices: IndexArray, wanted: FloatArray, commanded: FloatArray) -> list[tuple[int, Edit]]:
+    def list_word_edits(
+        self, indices: IndexArray, wanted: FloatArray, commanded: FloatArray
+    ) -> list[tuple[int, Edit]]:
         """Return the edits of configuration words that a correction requires, as (target, edit).
 
         A word is changed if it agreed with the joint's angle before the correction, and no longer does.
@@ -519,7 +521,7 @@ class ProgramPath:
     targets: IndexArray  # (m,) indices of the program's targets
     cases: LoadCases  # wanted postures and their loads; `place` is the tool's centre point
 
-    def fault(self, point: int, reason: str, remedy: str) -> Fault:
+    def make_fault(self, point: int, reason: str, remedy: str) -> Fault:
         """Return a fault of the program at a point of the path, to be raised in a `ProgramError`."""
         return _make_fault(self.program, int(self.targets[point]), reason, remedy)
 

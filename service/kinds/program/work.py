@@ -31,7 +31,14 @@ from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.robots import kinds_of
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.service.kinds.program.path import ProgramPath, Visits, find_path, start_joints
-from jointstiff.service.kinds.work import Arrays, Span, Work, as_request_errors, cut_into_spans, joined
+from jointstiff.service.kinds.work import (
+    Arrays,
+    Span,
+    Work,
+    as_request_errors,
+    concatenate_steps,
+    cut_into_spans,
+)
 from jointstiff.service.problems import VerdictError
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import marked, read_program
@@ -121,7 +128,7 @@ class WrittenPoints:
     arm: FloatArray  # (m, 6) wanted postures of the arm as the controller shows them [rad]
     quantile: float  # half the width of intervals in standard uncertainties
 
-    def spread(self, sizes: FloatArray) -> Spread | None:
+    def summarize_sizes(self, sizes: FloatArray) -> Spread | None:
         """Return median, 95 % quantile and greatest of sizes (k,) [m]; None without sizes."""
         if not len(sizes):
             return None
@@ -139,7 +146,7 @@ class WrittenPoints:
         deflection = _vector_lengths(corrections.uncorrected[:, :3])
         return np.stack([np.maximum(deflection - half, 0.0), deflection + half], axis=2)
 
-    def worst(self) -> list[ProgramPoint]:
+    def list_worst_points(self) -> list[ProgramPoint]:
         """Return at most `MAX_WORST` points with the greatest deflections, greatest first."""
         corrections, targets = self.corrections, self.path.program.targets
         order = np.argsort(-_vector_lengths(corrections.uncorrected[:, :3]), kind="stable")[:MAX_WORST]
@@ -182,7 +189,7 @@ class WrittenPoints:
             ]
         )
 
-    def table(self) -> bytes:
+    def pack_table(self) -> bytes:
         """Return the bytes of a table of all points, in the order of the path; `points_sheet` reads them."""
         corrections, path = self.corrections, self.path
         numbers = np.full((len(_POSTURE) + len(_LOADED), len(path.targets)), np.nan, dtype=np.float32)
@@ -211,7 +218,7 @@ class WrittenPoints:
 
 
 def points_sheet(content: bytes) -> Sheet:
-    """Return the table of points from bytes of `WrittenPoints.table`; NaN for an empty cell."""
+    """Return the table of points from bytes of `WrittenPoints.pack_table`; NaN for an empty cell."""
     stored = io.BytesIO(content)
     numbers = dict[str, FloatArray]()
     for name in _POSTURE + _LOADED:
@@ -239,7 +246,7 @@ def _vector_lengths(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(vectors, axis=-1))
 
 
-def rewritten(
+def write_compensated_program(
     path: ProgramPath, found: Corrections, model: ForwardModel, inverse: InverseKinematics, quantile: float
 ) -> tuple[list[bytes], WrittenPoints]:
     """Write the compensated program, and check the written numbers with the model of the loaded robot.
@@ -266,7 +273,7 @@ def rewritten(
         values[by_joints, :6] = (after / unit)[by_joints]
         values[found.share[rows] == 0.0] = np.nan  # a target without correction keeps its text
         corrected = np.flatnonzero(~by_joints & (found.share[rows] > 0.0))
-        words = path.stated.edits(block[corrected], before[corrected], after[corrected])
+        words = path.stated.list_word_edits(block[corrected], before[corrected], after[corrected])
         numbers = text.replace(block, values, words)
         as_read = program.targets.values[block, :NUMBERS]
         changed[rows] = (np.isfinite(as_read) & (as_read != numbers)).any(axis=1)
@@ -288,7 +295,7 @@ def rewritten(
             "the robot does not reach the corrected target",
             "move the part away from the singularity",
         )
-        raise ProgramError([path.fault(point, reason, remedy) for point in sorted(unreached)])
+        raise ProgramError([path.make_fault(point, reason, remedy) for point in sorted(unreached)])
     points = WrittenPoints(
         path=path,
         corrections=found,
@@ -319,7 +326,7 @@ def _refuse_out_of_limits(path: ProgramPath, robot: Robot, found: Corrections) -
     outside = ((angles < low - _TOLERANCE) | (angles > high + _TOLERANCE)).any(axis=1)
     reason = "the corrected target is outside of the joints' limits"
     remedy = "move the part, or omit its load"
-    faults = [path.fault(int(found.points[row]), reason, remedy) for row in np.flatnonzero(outside)]
+    faults = [path.make_fault(int(found.points[row]), reason, remedy) for row in np.flatnonzero(outside)]
     if faults:
         raise ProgramError(faults)
 
@@ -359,10 +366,10 @@ class ProgramWork(Work):
         self.input_hash = hash_of(run.provenance.input_hash, options, *contents)
         with as_request_errors():
             length = LENGTH[request.units.length]
-            self._used = RunModel.of(
+            self._run_model = RunModel.of(
                 robot, run, absolute=request.absolute, masses=request.masses, length=length
             )
-        files = [(each.name, unpacked(each)) for each in request.files if each.name != request.loads]
+        files = [(each.name, decompress_file(each)) for each in request.files if each.name != request.loads]
         if request.loads is not None and len(files) == len(request.files):
             raise RequestError(
                 "the table of loads was not sent",
@@ -376,26 +383,28 @@ class ProgramWork(Work):
             leave_others=request.leave_others,
             external_axes=_interpret_external_axes(request, robot),
         )
-        table = next((unpacked(each) for each in request.files if each.name == request.loads), None)
+        table = next((decompress_file(each) for each in request.files if each.name == request.loads), None)
         self._visits = Visits.collect(self._program, request, table)
 
     @cached_property
     def _inverse(self) -> InverseKinematics:
         """Inverse kinematics of the robot, near the posture `start` of the request."""
-        robot = self._used.model.robot
+        robot = self._run_model.model.robot
         with as_request_errors():
             return InverseKinematics(robot, start_joints(self._request, robot))
 
     @cached_property
     def _path(self) -> ProgramPath:
         """Wanted postures and loads of the program's points."""
-        return find_path(self._program, self._request, self._used.model.robot, self._inverse, self._visits)
+        return find_path(
+            self._program, self._request, self._run_model.model.robot, self._inverse, self._visits
+        )
 
     @cached_property
     def _ramp(self) -> FloatArray:
         """Share (m,) of the correction at each point: along `ramp_length`, corrections fade in and out."""
         length = LENGTH[self._request.units.length] * self._request.ramp_length
-        return ramp_shares(self._used.model.robot, self._path.cases, length)
+        return ramp_shares(self._run_model.model.robot, self._path.cases, length)
 
     def steps(self) -> Sequence[Span]:
         """Return the steps of a long program, spans of its points under load; a short program has none."""
@@ -414,7 +423,7 @@ class ProgramWork(Work):
             ProgramError: the springs have no stable equilibrium under a load.
         """
         path, points = self._path, self._visits.loaded[slice(*span)]
-        model, inverse = self._used.model, self._inverse
+        model, inverse = self._run_model.model, self._inverse
 
         def hold_linear_axes(commanded: FloatArray) -> FloatArray:
             # The arm alone makes the correction: linear axes keep their positions.
@@ -422,16 +431,18 @@ class ProgramWork(Work):
 
         try:
             cases = path.cases[points]
-            compensation = compensate(model, cases, self._limits(), self._ramp[points], hold_linear_axes)
+            compensation = compensate(
+                model, cases, self._correction_limits(), self._ramp[points], hold_linear_axes
+            )
         except RequestError as error:
             if error.where is None or not error.where.startswith("cases["):
                 raise
             # The solver names a load case by its index: report the line of the program instead.
             case = int(error.where.partition("[")[2].partition("]")[0])
-            raise ProgramError([path.fault(int(points[case]), error.reason, error.remedy)]) from error
+            raise ProgramError([path.make_fault(int(points[case]), error.reason, error.remedy)]) from error
         radius = extrapolation = np.full(len(points), np.nan)
-        if self._used.error is not None:
-            bound = self._used.error.bound(cases, compensation.leverage, self._request.confidence)
+        if self._run_model.error is not None:
+            bound = self._run_model.error.bound(cases, compensation.leverage, self._request.confidence)
             radius, extrapolation = bound.radius, np.maximum(bound.load_ratio, bound.leverage_ratio)
         return {**vars(compensation), "points": points, "model_error": radius, "extrapolation": extrapolation}
 
@@ -442,18 +453,26 @@ class ProgramWork(Work):
             RequestError: as `compute` does.
             ProgramError: a corrected target is not reached.
         """
-        corrections = Corrections(**joined(parts or map(self.compute, self._spans())))
+        corrections = Corrections(**concatenate_steps(parts or map(self.compute, self._spans())))
         del parts  # free the memory, as `corrections` is a copy
-        quantile = self._used.model.quantile(self._request.confidence)
-        contents, points = rewritten(self._path, corrections, self._used.model, self._inverse, quantile)
-        program, left, assessment = self._program, len(self._program.left), self._assessment(corrections)
+        quantile = self._run_model.model.quantile(self._request.confidence)
+        contents, points = write_compensated_program(
+            self._path, corrections, self._run_model.model, self._inverse, quantile
+        )
+        program, left, assessment = (
+            self._program,
+            len(self._program.left),
+            self._assess_corrections(corrections),
+        )
         if (self._request.mark or assessment.verdict == "do_not_use" or left) and points.changed.any():
             counts = datetime.now(UTC).date(), len(program.moves) + left, left
-            contents[0] = marked(program.format, contents[0], self._used.run.id, assessment.verdict, *counts)
-        files = [packed(source.name, contents.pop(0)) for source in program.sources]
+            contents[0] = marked(
+                program.format, contents[0], self._run_model.run.id, assessment.verdict, *counts
+            )
+        files = [compress_file(source.name, contents.pop(0)) for source in program.sources]
         return self._make_result(points, files, assessment)
 
-    def _assessment(self, corrections: Corrections) -> Assessment:
+    def _assess_corrections(self, corrections: Corrections) -> Assessment:
         """Return the verdict on the compensated program, with reasons of its own and of the run.
 
         Raises:
@@ -465,7 +484,7 @@ class ProgramWork(Work):
         turn = np.abs(corrections.commanded - self._path.cases.joints[corrections.points]).max(
             axis=1, initial=0.0
         )
-        near, run = int((turn > _TURNED).sum()), self._used.result
+        near, run = int((turn > _TURNED).sum()), self._run_model.result
         reasons = [
             *of_deflection(float(lengths.max(initial=0.0)), run),
             *of_points([*np.unique(self._path.cases.load_point, axis=0).tolist()]),
@@ -493,7 +512,7 @@ class ProgramWork(Work):
             raise VerdictError.of("a program whose corrections are held back", "max_displacement", items)
         return judged("program", reasons, run.assessment)
 
-    def _limits(self) -> CorrectionLimits:
+    def _correction_limits(self) -> CorrectionLimits:
         """Return the limits of a correction in m and rad, as the request states or by default."""
         request, usual = self._request, CorrectionLimits()
         length, angle = LENGTH[request.units.length], ANGLE[request.units.angle]
@@ -514,11 +533,11 @@ class ProgramWork(Work):
         }
         kind: ProgramFormat = program.format  # type: ignore[assignment]
         deflection, correction, residual = (
-            points.spread(np.linalg.norm(vectors[:, :3], axis=1))
+            points.summarize_sizes(np.linalg.norm(vectors[:, :3], axis=1))
             for vectors in (corrections.uncorrected, corrections.correction, points.residual)
         )
         return ProgramResult(
-            joint_kinds=kinds_of(self._used.model.robot),
+            joint_kinds=kinds_of(self._run_model.model.robot),
             assessment=assessment,
             format=kind,
             points=len(program.targets),
@@ -530,15 +549,15 @@ class ProgramWork(Work):
             deflection=deflection,
             correction=correction,
             residual=residual,
-            rounding=points.spread(points.rounding),
+            rounding=points.summarize_sizes(points.rounding),
             confidence=self._request.confidence,
-            worst=points.worst(),
-            remarks=self._remarks(),
+            worst=points.list_worst_points(),
+            remarks=self._list_remarks(),
             files=files,
-            table=packed("points", points.table()),
+            table=compress_file("points", points.pack_table()),
         )
 
-    def _remarks(self) -> list[str]:
+    def _list_remarks(self) -> list[str]:
         """Return remarks of the run's model, then lines of the program that were not corrected, by reason."""
         lines: dict[str, list[int]] = {}
         for remark in self._program.left_alone:
@@ -547,7 +566,7 @@ class ProgramWork(Work):
             lines.setdefault(f"left: {each.reason}; {each.remedy}", []).append(each.line)
         left = [f"{_line_numbers(numbers)}: {reason}" for reason, numbers in lines.items()]
         more = [f"… and {len(left) - _MAX_REMARKS} more"] if len(left) > _MAX_REMARKS else []
-        remarks = self._used.remarks(self._request.confidence)
+        remarks = self._run_model.remarks(self._request.confidence)
         return [*remarks, *left[:_MAX_REMARKS], *more]
 
 
@@ -558,14 +577,14 @@ def _line_numbers(lines: Sequence[int]) -> str:
     return f"line {first}" if len(lines) == 1 else f"lines {first}{more}"
 
 
-def packed(name: str, content: bytes) -> ProgramFile:
+def compress_file(name: str, content: bytes) -> ProgramFile:
     """Return a file as it is stored: compressed and in base64, with its size and SHA-256 digest."""
     text = base64.b64encode(zlib.compress(content, 1)).decode("ascii")
     digest = hashlib.sha256(content).hexdigest()
     return ProgramFile(name=name, bytes=len(content), content=text, sha256=digest)
 
 
-def unpacked(file: ProgramFile) -> bytes:
+def decompress_file(file: ProgramFile) -> bytes:
     """Return the content of a stored file, decompressed.
 
     Raises:
@@ -586,7 +605,7 @@ def prepare_compensation(inputs: Inputs, request: ProgramRequest) -> ProgramWork
     run = accepted_run(inputs, request.run_id, request.accept_verdict)
     if not request.files:
         raise RequestError("no file was sent", where="files", remedy="send the program")
-    sent = {hashlib.sha256(unpacked(file)).hexdigest() for file in request.files}
+    sent = {hashlib.sha256(decompress_file(file)).hexdigest() for file in request.files}
     for summary in inputs.listed(Program, run.prepared.robot_id):
         if sent.intersection(summary.get("outputs", ())):
             raise RequestError(

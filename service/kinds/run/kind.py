@@ -99,7 +99,7 @@ def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
     )
 
 
-def before_and_after(before: RunResult, after: RunResult, unit: StiffnessUnit) -> Table:
+def before_after_table(before: RunResult, after: RunResult, unit: StiffnessUnit) -> Table:
     """Return a table of two runs in columns: verdict, explained deflection, residual, joint stiffnesses."""
 
     def column(result: RunResult) -> list[str]:
@@ -176,11 +176,11 @@ def _advice_lines(run: Run, result: RunResult, *, details: bool) -> Iterator[str
             yield f"{advice.joint}: {advice.message}"
         elif advice.joint not in advised:
             advised.add(advice.joint)
-            gain = _promised_gain(run, advice, joints[advice.joint])
-            yield f"{advice.joint}: {_reading(advice, [joint.kind for joint in result.joints])}{gain}"
+            gain = _predicted_gain_text(run, advice, joints[advice.joint])
+            yield f"{advice.joint}: {_advised_reading_text(advice, [joint.kind for joint in result.joints])}{gain}"
 
 
-def _reading(advice: Advice, kinds: Sequence[JointKind]) -> str:
+def _advised_reading_text(advice: Advice, kinds: Sequence[JointKind]) -> str:
     """Describe an advised reading in words: force, direction and posture."""
     size = sqrt(sum(part**2 for part in advice.force))
     along = ", ".join(f"{part / size + 0.0:.2f}" for part in advice.force)  # + 0.0 turns −0 into 0
@@ -188,7 +188,7 @@ def _reading(advice: Advice, kinds: Sequence[JointKind]) -> str:
     return f"{figure(size)} N along ({along}) in posture {posture}"
 
 
-def _promised_gain(run: Run, advice: Advice, joint: JointResult) -> str:
+def _predicted_gain_text(run: Run, advice: Advice, joint: JointResult) -> str:
     """Describe how an advised reading would reduce a joint's uncertainty; "" where this is not predicted.
 
     The prediction holds for the partial pose with covariance weights and without priors.
@@ -217,18 +217,18 @@ _SIGMA = {
 
 def detail_lines(result: RunResult) -> list[Line]:
     """Return the lines that `--details` adds on suspicious readings, fit, uncertainties, observability."""
-    lines = [Line(f"  {line}", "care") for line in _suspicious(result)]
+    lines = [Line(f"  {line}", "care") for line in _suspicious_lines(result)]
     others = (
-        *_goodness(result),
-        *_budget(result),
-        *_complementary_stiffness(result),
-        *(f"causes tested with the joints, p-value: {line}" for line in causes_tested(result)),
-        *_identifiability(result.identifiability),
+        *_goodness_lines(result),
+        *_budget_lines(result),
+        *_complementary_stiffness_lines(result),
+        *(f"causes tested with the joints, p-value: {line}" for line in list_tested_causes(result)),
+        *_identifiability_lines(result.identifiability),
     )
     return [*lines, *(Line(f"  {line}", "dim") for line in others)]
 
 
-def causes_tested(result: RunResult) -> Iterator[str]:
+def list_tested_causes(result: RunResult) -> Iterator[str]:
     """Yield a line with the systematic causes that were fitted with the joints, and their p-values."""
     if result.causes:
         begins = {None: ""} | {each.first: f" since {each.first}" for each in result.causes if each.first}
@@ -238,7 +238,7 @@ def causes_tested(result: RunResult) -> Iterator[str]:
         )
 
 
-def _goodness(result: RunResult) -> Iterator[str]:
+def _goodness_lines(result: RunResult) -> Iterator[str]:
     """Yield a line with χ² per degree of freedom, where sigma was given and not estimated."""
     goodness = result.goodness
     if goodness.sigma_source == "given" and goodness.degrees_of_freedom > 0:
@@ -265,7 +265,7 @@ _SOURCES = {
 }
 
 
-def _budget(result: RunResult) -> Iterator[str]:
+def _budget_lines(result: RunResult) -> Iterator[str]:
     """Yield a line for each source of uncertainty: its least and greatest share of a joint's compliance."""
     budget = result.budget
     if budget is None:
@@ -283,7 +283,7 @@ def _budget(result: RunResult) -> Iterator[str]:
             )
 
 
-def _complementary_stiffness(result: RunResult) -> Iterator[str]:
+def _complementary_stiffness_lines(result: RunResult) -> Iterator[str]:
     """Yield a line on the complementary stiffness K_c, by which the load changes with the deflection."""
     size = result.complementary_stiffness
     if size is None:
@@ -297,7 +297,7 @@ def _complementary_stiffness(result: RunResult) -> Iterator[str]:
     yield f"complementary stiffness {verb} a compliance{shift} (K_c/k at most {size.largest_ratio:.2g})"
 
 
-def _suspicious(result: RunResult) -> Iterator[str]:
+def _suspicious_lines(result: RunResult) -> Iterator[str]:
     """Yield lines on the readings to which the Huber loss gives less weight, worst first."""
     threshold, count = result.huber_threshold, result.suspicious_count
     if threshold is None:
@@ -313,7 +313,7 @@ def _suspicious(result: RunResult) -> Iterator[str]:
         yield f"and {hidden} more"
 
 
-def _identifiability(found: Identifiability) -> Iterator[str]:
+def _identifiability_lines(found: Identifiability) -> Iterator[str]:
     """Yield observability indices, the condition number, and the joints that are determined worst."""
     if found.observability is not None and found.condition_number is not None:
         indices = ", ".join(f"{name.upper()} {value:.2g}" for name, value in found.observability.items())
@@ -500,8 +500,8 @@ def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit
     return Table(
         [
             Column("joint", names, text=True),
-            column("mean", [_rounded(mean, u) for mean, u in moments], compensation),
-            column("deviation", [_rounded(u, u) for _, u in moments], deviation),
+            column("mean", [_rounded_or_dash(mean, u) for mean, u in moments], compensation),
+            column("deviation", [_rounded_or_dash(u, u) for _, u in moments], deviation),
             column("negative", [f"{100 * joint.share_negative:.3g} %" for joint in joints], None),
             column("rigid", [f"{100 * joint.share_infinite:.3g} %" for joint in joints], None),
             column("undetermined", [f"{100 * joint.share_undetermined:.3g} %" for joint in joints], None),
@@ -512,7 +512,7 @@ def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit
     )
 
 
-def _rounded(value: float | None, uncertainty: float | None) -> str:
+def _rounded_or_dash(value: float | None, uncertainty: float | None) -> str:
     """Round a value to the digits that its uncertainty allows; a dash without value."""
     return NO_NUMBER if value is None else rounded(value, uncertainty)
 

@@ -3,7 +3,7 @@
 import pytest
 from support.programs import FORCE, compensated, compensated_with_table, path, tool_poses
 
-from jointstiff.service.kinds.program.work import unpacked
+from jointstiff.service.kinds.program.work import decompress_file
 from jointstiff.service.problems import FilesError
 from jointstiff.simulator.programs import program_text
 from jointstiff.solver.errors import RequestError
@@ -16,7 +16,7 @@ ONCE = "number the points from 1 to 4"
 
 def moved_lines(result):
     """Lines with other numbers than before."""
-    new = unpacked(result.files[0]).decode().split("\r\n")
+    new = decompress_file(result.files[0]).decode().split("\r\n")
     return [i for i, (a, b) in enumerate(zip(TEXT.split("\r\n"), new, strict=True), 1) if a != b]
 
 
@@ -27,7 +27,7 @@ def test_a_table_has_forces_and_moments_in_any_order_and_unit():
     header = "point,Fx [N],Mz [N.mm],Fz [kN],Fy [N],Mx [N.m],My [kN.m]"
     rows = "".join(f"{point},300,40000,-1.4,400,150,-0.08\n" for point in range(1, 5))
     of_table = compensated_with_table(TEXT, f"{header}\n{rows}")
-    assert unpacked(of_table.files[0]) == unpacked(stated.files[0])
+    assert decompress_file(of_table.files[0]) == decompress_file(stated.files[0])
     forces_alone = compensated("krl", TEXT)
     assert of_table.deflection.greatest != pytest.approx(forces_alone.deflection.greatest, rel=1e-3)
 

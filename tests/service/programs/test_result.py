@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from support.programs import FORCE, compensated, path, tool_poses
 
-from jointstiff.service.kinds.program.work import unpacked
+from jointstiff.service.kinds.program.work import decompress_file
 from jointstiff.service.problems import VerdictError
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
@@ -24,7 +24,7 @@ CORRECTED = [
 
 
 def lines_of(result):
-    return [line for line in unpacked(result.files[0]).decode().splitlines() if "LIN" in line]
+    return [line for line in decompress_file(result.files[0]).decode().splitlines() if "LIN" in line]
 
 
 def figures(spread):
@@ -75,7 +75,7 @@ def test_each_language_has_the_same_correction_in_its_own_numbers(kind):
     result = compensated(kind, text)
     line, rows = ROWS[kind]
     old = text.splitlines()
-    new = [each for each in unpacked(result.files[0]).decode().splitlines() if each not in old]
+    new = [each for each in decompress_file(result.files[0]).decode().splitlines() if each not in old]
     assert new[: len(rows)] == rows
     assert len(new) == 6 * len(rows)
     assert (result.format, result.files[0].name) == (kind, PROGRAM_FILES[kind])
@@ -312,7 +312,7 @@ def test_uncertain_moves_are_left_if_asked_and_told_in_reason_remarks_and_mark()
         f"line 12: left: {NO_XP9}",
         f"line 13: left: {NO_POSE}",
     ]
-    lines = unpacked(result.files[0]).decode().splitlines()
+    lines = decompress_file(result.files[0]).decode().splitlines()
     assert lines[:2] == ["&ACCESS RVP", "DEF path()"]
     assert lines[2].startswith("; Jointstiff run ")
     assert lines[2].endswith(", verdict: use with care, 5 of 7 moves corrected, 2 left")
