@@ -36,13 +36,13 @@ from jointstiff.solver.predict.models import JointModel
 _NO_FIT: Final = Finding(
     code="no_joint_identified",
     weight="do_not_use",
-    message="these readings cannot support any of these methods",
-    remedy="read the error of each method",
+    message="every compared method failed, so no joint stiffness is known",
+    remedy="read the error of each method, and follow its remedy",
 )
 _NOTHING_COMMON: Final = Finding(
     code="no_common_configuration",
     weight="use_with_care",
-    message="no configuration was measured on both sides, so the avoided deflection is a prediction alone",
+    message="no configuration was measured on both sides, so the avoided deflection is predicted, not measured",
     remedy="measure some of the same postures under the same load on both sides",
 )
 _OTHER_MODEL: Final = Finding(
@@ -66,16 +66,16 @@ def prepare_comparison(inputs: Inputs, request: ComparisonRequest) -> QuickWork:
     for i, each in enumerate(runs):
         if each.run.result is None and each.run.error is None:
             raise RequestError(
-                f"the run '{each.run.id}' is {each.run.state}",
+                f"the run '{each.run.id}' has no result to compare: its state is {each.run.state}",
                 where=f"run_ids[{i}]",
-                remedy="give runs that have ended",
+                remedy="wait until the run has ended, or give another run",
             )
     sets = list(dict.fromkeys(each.run.request.measurement_set_id for each in runs))
     if len(sets) > len(_SIDES):
         raise RequestError(
-            f"the runs are of {len(sets)} measurement sets",
+            f"the runs belong to {len(sets)} measurement sets, but at most two sets can be compared",
             where="run_ids",
-            remedy="compare runs of one set or of two; the robot's trend shows all its sets",
+            remedy="give runs of one set or of two; the trend of the robot shows all sets",
         )
     options = request.model_dump_json(exclude={"run_ids"})
     return QuickWork(
@@ -185,7 +185,9 @@ def _add_ratios(
     failed = next((name for name, _, found in leading_runs if found is None), None)
     if failed is not None:
         raise RequestError(
-            f"the run of the {failed} side has failed", where="run_ids", remedy="read the `error` of the run"
+            f"the run of the {failed} side has failed",
+            where="run_ids",
+            remedy="read the `error` of the run, and give a run that succeeded",
         )
     sides = [_make_solver_side(inputs, leading[name], by_side[name]) for name in _SIDES]
     pair = compare_sides(*sides, confidence=result.confidence, ordered=request.ordered)
@@ -240,12 +242,12 @@ def _make_solver_side(inputs: Inputs, leading: MeasuredRun, runs: Sequence[Measu
     """
     run, prepared = leading.run, leading.prepared
     if run.request.weight is not None or run.request.priors:
-        other = "by own weight" if run.request.weight is not None else "with priors"
+        other = "was identified by own weight" if run.request.weight is not None else "uses priors"
         raise RequestError(
-            f"the run '{run.id}' is {other}: both sets may share its errors, so that they are "
-            "not independent",
+            f"the run '{run.id}' {other}, whose errors may be common to both sets, but the sets must be "
+            "independent",
             where="run_ids",
-            remedy="identify the measurement set by loads without `priors`, and give the new run",
+            remedy="identify the measurement set under external loads and without `priors`, and give the new run",
         )
     if run.request.leave_out:
         set_id = run.request.measurement_set_id
@@ -274,8 +276,8 @@ def _rebuild_joint_model(run: Run, robot: Robot) -> JointModel:
     model = None if stored is None else forward_model(robot, stored)[0]
     if not isinstance(model, JointModel):
         raise RequestError(
-            f"two sides are compared by their joints only, but the run '{run.id}' has elasticity "
-            f"{run.elasticity}",
+            f"a comparison of two sides needs runs with elastic joints only, but the run '{run.id}' has "
+            f"elasticity {run.elasticity}",
             where="run_ids",
             remedy="identify the measurement set with elasticity `joints`, and give the new run",
         )

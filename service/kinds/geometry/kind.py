@@ -74,7 +74,9 @@ def _evidence_parts(result: GeometryResult) -> list[Part]:
             f"{length_text(poses.rms_residual)} rms of a coordinate"
         ]
         if poses.held_out_rms is not None:
-            lines.append(f"poses left out of the fit are predicted to {length_text(poses.held_out_rms)} rms")
+            lines.append(
+                f"poses that were left out of the fit have a residual of {length_text(poses.held_out_rms)} rms"
+            )
         lines += [f"not determined: {', '.join(names)}" for names in poses.only_together]
         parts.append(Line("\n".join(f"  {line}" for line in lines)))
     parts += [_tracker_frame_table(result), _targets_table(result)]
@@ -179,7 +181,7 @@ def _wrist_parts(wrist: WristResult) -> list[Part]:
         caption="in mm, with the standard uncertainty of the last digits; weight in the combined centre",
     )
     lines = [
-        f"{pair.first} and {pair.second} are {_MICRO * pair.distance:.1f} µm apart (by chance: "
+        f"{pair.first} and {pair.second} are {_MICRO * pair.distance:.1f} µm apart (p-value "
         f"{pair.probability:.2g})"
         for pair in wrist.distances
     ]
@@ -234,7 +236,7 @@ def _drift_line(drift: Drift) -> Line:
     verdict = "beyond noise" if drift.significant else "within noise"
     return Line(
         f"  base targets: moved by {_MICRO * size:.1f} µm at the robot and turned by "
-        f"{_MICRO * turn:.1f} µrad, {verdict} (by chance: {drift.probability:.2g})"
+        f"{_MICRO * turn:.1f} µrad, {verdict} (p-value {drift.probability:.2g})"
     )
 
 
@@ -304,7 +306,7 @@ def compute(inputs: Inputs, request: GeometryRequest) -> Work:
 
     if request.poses is not None and not request.has_robot:
         raise RequestError(
-            "poses calibrate a nominal robot model, but the request has none",
+            "poses calibrate a nominal robot model, but the request has no robot",
             where="robot_id",
             remedy="give `robot_id` or `robot`",
         )

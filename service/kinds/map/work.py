@@ -169,9 +169,9 @@ def make_grid(request: MapOptions) -> FloatArray:
     least, greatest = (np.array(corner) for corner in request.area)
     if (least > greatest).any():
         raise RequestError(
-            "the first corner of the box exceeds the second",
+            "a coordinate of the first corner is greater than that of the second corner",
             where="area",
-            remedy="give the least corner first",
+            remedy="give the corner with the smaller x, y and z first",
         )
     places = int(np.prod(request.grid))
     poses = places * len(request.directions) * request.turns
@@ -214,9 +214,9 @@ def make_map_task(request: MapOptions, robot: Robot) -> MapTask:
     for name, (least, greatest) in request.limits.items():
         if least > greatest:
             raise RequestError(
-                "the least angle exceeds the greatest",
+                "the lower limit of the joint is greater than the upper limit",
                 where=f"limits.{name}",
-                remedy="give the least angle first",
+                remedy="give the lower limit first",
             )
         limits[robot.joint_index(name, f"limits.{name}")] = least, greatest
     if request.near is not None:

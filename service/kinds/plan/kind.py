@@ -51,12 +51,14 @@ def report(job: Plan, result: PlanResult, view: View) -> Report:
     ]
     if result.goal_share is not None:
         lines.append(
-            f"{len(result.readings)} readings are the fewest that meet the goal: their uncertainty is "
-            f"{result.goal_share:.2f} of the goal's, by the noise of the readings"
+            f"{len(result.readings)} readings are the fewest that meet the goal: the noise of the readings "
+            f"gives {result.goal_share:.2f} of the uncertainty that the goal allows"
         )
     blocks = max((each.block for each in result.readings), default=1)
     if blocks > 1:
-        lines.append(f"{blocks} blocks: you can stop after any of them, and still have a good plan")
+        lines.append(
+            f"the list has {blocks} blocks: you can stop after any block, and still have a good plan"
+        )
     if result.elastic_links:
         lines.append("the plan allows for elastic links, because joints alone do not explain the deflection")
     if result.deflection_uncertainty is not None and result.worst_deflection_uncertainty is not None:
@@ -66,8 +68,8 @@ def report(job: Plan, result: PlanResult, view: View) -> Report:
         )
     if job.request.measurement_set_id is not None:
         lines.append(
-            "the list has only the new readings, but the predicted uncertainties also use those of the "
-            "campaign so far: identify both together, as in the campaign to fill in"
+            "the list has only the new readings, but the predicted uncertainties also use the readings "
+            "of the campaign so far: identify old and new readings together"
         )
     readings = _readings_table(job, result, boxes=view.details)
     return Report([_joints_table(result), readings, *map(Line, lines)])
@@ -81,9 +83,9 @@ def _joints_table(result: PlanResult) -> Table:
         Column("plan", [*(_uncertainty_cell(joint, joint.standard_uncertainty) for joint in joints), *empty]),
         Column("now", [*(_uncertainty_cell(joint, joint.before) for joint in joints), *empty]),
     ]
-    caption = "by the noise of the readings, the bounds of the masses and the geometry"
+    caption = "from the noise of the readings, the bounds of the masses and the geometry"
     if any(any(each.force) for each in result.readings):
-        caption = "by the noise of the readings alone; model error comes on top"
+        caption = "from the noise of the readings alone; model error is not included"
     title = "Predicted standard uncertainty of each stiffness"
     if all(joint.relative is None for joint in joints):
         title = "Predicted standard uncertainty of each compliance"
@@ -138,7 +140,7 @@ def _readings_table(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
             *(ticks if boxes else []),
         ],
         title="Readings, in order",
-        caption=f"v…: held out, to judge the model. Targets: {', '.join(result.targets)}. "
+        caption=f"v…: readings to validate the model, not to fit it. Targets: {', '.join(result.targets)}. "
         f"Load point in the flange frame: {_position_text(result.load_point)} mm",
         plain=True,
     )

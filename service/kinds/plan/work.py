@@ -64,15 +64,15 @@ def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
     """
     if request.causes and (request.measurement_set_id is None or isinstance(request.load, OwnWeight)):
         raise RequestError(
-            "`causes` need a measured campaign under loads, and this plan continues none",
+            "`causes` can be fitted only to a campaign under loads, but this plan continues no such campaign",
             where="causes",
-            remedy="omit `causes`, or go on with a measured campaign under loads",
+            remedy="omit `causes`, or continue a campaign that was measured under loads",
         )
     if request.measurement_set_id is None and request.leave_out:
         raise RequestError(
             "a plan that begins a campaign has no observations to leave out",
             where="leave_out",
-            remedy="omit `leave_out`, or go on with a measured campaign",
+            remedy="omit `leave_out`, or continue a measured campaign",
         )
     if request.measurement_set_id is None:
         robot, content = inputs.robot(str(request.robot_id), "robot_id")
@@ -143,10 +143,11 @@ def _compute_plan(planned: PlanInput, request: plans.PlanRequest) -> PlanResult:
         so_far = replace(so_far, present=so_far.present | so_far.unloaded_only)
     if isinstance(request.goal, DecisionGoal) or getattr(request.goal, "force", None) is not None:
         raise RequestError(
-            "the goal of a plan cannot be a decision, or an uncertainty under another force than its load",
+            "a plan cannot have a decision as its goal, nor a goal for the deflection under a force other than "
+            "the load of the plan",
             where="goal",
-            remedy="give a goal for the joints, or an uncertainty of the deflection under the plan's load; "
-            "or measure live",
+            remedy="give a goal for the uncertainty of the joints, or of the deflection under the plan's load; "
+            "or pursue this goal in a live campaign",
         )
     wanted = to_design_request(
         request, robot, nominal=nominal, sigma=sigma, unexplained=unexplained, so_far=so_far
@@ -222,7 +223,7 @@ def to_design_request(
     load = request.load if isinstance(request.load, OwnWeight) else None
     if load and not (robot.bodies and np.isfinite(nominal).any()):
         raise RequestError(
-            "the robot has no masses, or no stiffness of a joint is known",
+            "a plan for own weight needs the masses of the robot and the stiffness of at least one joint",
             where="load",
             remedy="state `bodies` of the robot, and a guess of the joints' `stiffness`",
         )
@@ -230,7 +231,7 @@ def to_design_request(
         raise RequestError(
             "a plan for own weight supports neither balancers nor an estimate of gravity",
             where="load",
-            remedy="state `gravity`; choose postures by hand for a robot with balancers",
+            remedy="state `gravity` instead; for a robot with balancers, choose the postures by hand",
         )
     if load and (request.work_area or request.tracker or request.directions):
         raise RequestError(
@@ -359,9 +360,9 @@ def choose_targets(
         return so_far.targets, positions
     if not request.directions:
         raise RequestError(
-            "the campaign was read by gauges along directions, but the plan has no directions",
+            "the campaign was measured with gauges, but the plan has no directions along which gauges read",
             where="directions",
-            remedy="give the directions that a gauge can take, or the targets of a tracker",
+            remedy="give `directions` along which a gauge can read, or `targets` of a tracker",
         )
     # Each direction of a gauge is a target of its own: the plan keeps one target at each position.
     first = np.sort(np.unique(np.round(positions, 6), axis=0, return_index=True)[1])
@@ -414,9 +415,11 @@ def _gauge_directions(request: plans.PlanRequest) -> FloatArray | None:
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     if length.min() < LEAST_DIRECTION or request.tracker is not None:
         raise RequestError(
-            "a direction is zero" if request.tracker is None else "a tracker reads all three coordinates",
+            "a direction of a gauge is the zero vector"
+            if request.tracker is None
+            else "the plan has a tracker, which reads all three coordinates, and directions of gauges",
             where="directions",
-            remedy="give directions other than zero, and `sigma` instead of `tracker`",
+            remedy="give directions that are not zero; for gauges, give `sigma` instead of `tracker`",
         )
     return np.asarray(vectors / length)
 
@@ -429,7 +432,7 @@ def _check_facing(around: plans.Surroundings, names: tuple[str, ...]) -> plans.S
         raise RequestError(
             f"`facing` has directions for {', '.join(around.facing)}, but the targets are {', '.join(names)}",
             where="surroundings.facing",
-            remedy="give a nonzero direction for each target, or omit all",
+            remedy="give a direction that is not zero for each target, or omit `facing`",
         )
     return around.model_copy(update={"facing": {name: around.facing[name] for name in names}})
 

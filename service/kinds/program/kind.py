@@ -71,9 +71,9 @@ _REASONS = {
 def _report(_job: Program, result: ProgramResult, _view: View) -> Report:
     """Return counts of corrected targets, quantiles of the distances, the worst points, and remarks."""
     left = ", ".join(f"{count} {_REASONS[reason]}" for reason, count in result.left_alone.items())
-    capped = f"; {result.capped} held back by the limits" if result.capped else ""
-    alone = f"; left alone: {left}" if left else ""
-    moves = f"; {result.moves_left} of {result.moves} moves left as they are" if result.moves_left else ""
+    capped = f"; {result.capped} corrections reduced by the limits" if result.capped else ""
+    alone = f"; not corrected: {left}" if left else ""
+    moves = f"; {result.moves_left} of {result.moves} moves left unchanged" if result.moves_left else ""
     counts = Line(f"{result.corrected} of {result.points} targets corrected{capped}{alone}{moves}")
     worst: list[Part] = [_worst_table(result)] if result.worst else []
     return Report([counts, _distances_table(result), *worst, *map(Line, result.remarks)])
@@ -84,7 +84,7 @@ def _distances_table(result: ProgramResult) -> Table:
     rows = {
         "without correction": result.deflection,
         "as written, predicted": result.residual,
-        "  of that, rounding": result.rounding,
+        "  part from rounding": result.rounding,
         "displacement of targets": result.correction,
     }
     shown = number(".4f", 1e3)

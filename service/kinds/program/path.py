@@ -186,7 +186,11 @@ def _find_target_frames(
         for i, frame in enumerate(stated)
     }
     if len(given) < len(stated):
-        raise RequestError("a frame is given twice", where=where, remedy="give each frame once")
+        raise RequestError(
+            "two frames have the same name, or two have none",
+            where=where,
+            remedy="give each frame only once",
+        )
     poses = np.tile(outer, (len(frames) + 1, 1, 1))  # the last one is `outer` itself, for index −1
     used: set[str | None] = set()
     for place in np.unique(chosen[chosen >= 0]).tolist():
@@ -195,13 +199,13 @@ def _find_target_frames(
             used.add(key := _find_stated_frame(frame, given, where))
             poses[place] = outer @ given[key]
         elif _fold_name(frame.name) in given:
-            reason = f"the program already has the numbers of {shown(frame.name)}"
+            reason = f"the program itself defines the numbers of the frame {shown(frame.name)}"
             raise RequestError(reason, where=where, remedy="omit this frame")
         else:
             poses[place] = outer @ frame.pose
     for name in (frame.name for frame in stated if _fold_name(frame.name) not in used):  # it may be misspelt
-        all_known = "all frames of the program have numbers"
-        reason = all_known if name is None else f"the program does not use {shown(name)}"
+        all_known = "a frame without name is not used, because every frame of the program has numbers"
+        reason = all_known if name is None else f"the program does not use the frame {shown(name)}"
         raise RequestError(reason, where=where, remedy="omit this frame, or correct its name")
     return _Frames(poses, chosen)
 
@@ -212,7 +216,7 @@ def _find_stated_frame(frame: FrameName, given: Mapping[str | None, FloatArray],
         if key in given:
             return key
     raise RequestError(
-        f"the program names {shown(frame.name)}, but has no numbers for it",
+        f"the program uses the frame {shown(frame.name)}, but does not define its numbers",
         where=where,
         remedy=f"give the numbers: {{'name': {frame.name!r}, 'values': [...]}}",
     )
@@ -229,7 +233,7 @@ def _stated_pose(notation: Notation, values: Sequence[float] | None, where: str)
         return np.eye(4)
     if len(values) != 3 + notation.count or not notation.states(np.array(values)):
         raise RequestError(
-            f"a frame has {3 + notation.count} numbers",
+            f"a frame needs {3 + notation.count} numbers that form a pose",
             where=where,
             remedy=f"give the position, then {notation.orientation.value}, in the program's units",
         )
@@ -286,7 +290,7 @@ def _find_segments(segments: Sequence[ProcessLoad], lines: IndexArray) -> IndexA
         raise RequestError(
             f"line {first[overlap[0] + 1]} has two loads",
             where=f"segments[{order[overlap[0] + 1]}]",
-            remedy="let segments end before the next ones begin",
+            remedy="give segments of lines that do not overlap",
         )
     segment = np.searchsorted(first, lines, side="right") - 1
     inside = (segment >= 0) & (lines <= last[segment])
@@ -306,7 +310,7 @@ def _read_load_table(content: bytes, points: IndexArray) -> Loads:
     try:
         rows, _ = rows_of(text)
     except csv.Error:
-        raise _table_fault(1, "this is not a table", _REMEDY) from None
+        raise _table_fault(1, "the file of loads is not a readable CSV table", _REMEDY) from None
     columns = _load_columns(rows[0] if rows else [])
     values, load_of_point = [np.zeros(6)], np.zeros(most + 1, dtype=np.intp)
     for line, row in enumerate(rows[1:], 2):
@@ -332,7 +336,9 @@ def _parse_load_row(
     except ValueError:
         raise _table_fault(line, "a cell is not a number", "write numbers with decimal points") from None
     if len(numbers) != len(columns) or not np.isfinite(numbers).all() or max(map(abs, numbers)) > 1e9:
-        raise _table_fault(line, "cells are missing, or out of range", "give a finite number in each column")
+        raise _table_fault(
+            line, "a cell is missing, or a number is out of range", "give a finite number in each column"
+        )
     for (place, factor), size in zip(columns, numbers, strict=True):
         load[place] = factor * size
     return point, load
@@ -497,7 +503,7 @@ _REASONS: Final = {
         "check tool, base, `start`, and the limits of the robot's model",
     ),
     Unreached.NOT_AS_STATED: (
-        "no posture within the limits has the stated configuration",
+        "no posture within the joints' limits has the arm configuration that the program states",
         "check tool and base, and that the joint map gives the controller's angles",
     ),
     Unreached.NOT_FOLLOWED: (
@@ -505,7 +511,7 @@ _REASONS: Final = {
         "move the part away from the singularity, or write the target as joint angles",
     ),
     Unreached.AMBIGUOUS: (
-        "the arm's configuration is not stated here",
+        "the program does not state the arm's configuration at this target",
         "give `start`: the controller's angles near this target",
     ),
 }
@@ -563,10 +569,10 @@ class Visits:
             raise RequestError(
                 "no move is under load",
                 where="segments" if options.load is None else "load",
-                remedy="give lines with moves, or points of moves, for the loads",
+                remedy="give loads for lines that contain moves, or for points that moves visit",
             )
         load = loads.of_visit[first]
-        reason = "a target is used under two loads"
+        reason = "moves visit this target under two different loads"
         _refuse_targets(
             program, visits[loads.of_visit != load[number]], reason, "use a separate target for each load"
         )
@@ -588,7 +594,7 @@ def find_path(
     # All visits of a target must have the posture of its first visit, whole turns aside.
     apart = joints - joints[visits.first][visits.number]
     apart = np.abs(apart - 2 * np.pi * np.round(apart / (2 * np.pi))).max(axis=1)
-    reason = "a target is reached in two configurations of the arm"
+    reason = "moves reach this target in two different configurations of the arm"
     remedy = "use a separate target for each configuration"
     _refuse_targets(program, visits.targets[apart > _SAME], reason, remedy)
     load = visits.loads.of_visit[visits.first]

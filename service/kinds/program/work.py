@@ -100,7 +100,9 @@ _LOADED: Final = (
     "rounding [mm]",
     "share [1]",
 )
-_REMARKS: Final = ("", "no load", "capped", "uncertain: left alone")
+_UNCERTAIN: Final = "uncertain: not corrected"
+_REMARKS: Final = ("", "no load", "capped", _UNCERTAIN)
+"""Remarks on a point in the table of points, stored there by index."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +202,7 @@ class WrittenPoints:
         remark = np.full(len(path.targets), _REMARKS.index("no load"), dtype=np.uint8)
         remark[corrections.points] = _REMARKS.index("")
         remark[corrections.points[corrections.capped]] = _REMARKS.index("capped")
-        remark[corrections.points[corrections.uncertain]] = _REMARKS.index("uncertain: left alone")
+        remark[corrections.points[corrections.uncertain]] = _REMARKS.index(_UNCERTAIN)
         targets = path.program.targets
         names = "\n".join([targets.names[i] for i in path.targets.tolist()]).encode("latin-1")
         files = np.array([source.name for source in path.program.sources])
@@ -356,9 +358,9 @@ class ProgramWork(Work):
         """
         if request.accuracy_option == "compensates_load":
             raise RequestError(
-                "the controller already compensates the load, which would be compensated twice",
+                "the controller already compensates the deflection under load, which must not be compensated twice",
                 where="accuracy_option",
-                remedy="switch the controller's accuracy option off, measure with it off, and give `off`",
+                remedy="switch the controller's accuracy option off, repeat the measurement, and give `off`",
             )
         self.robot_id, self._request = robot_id, request
         options = request.model_dump_json(exclude={"run_id", "files"})
@@ -374,7 +376,7 @@ class ProgramWork(Work):
             raise RequestError(
                 "the table of loads was not sent",
                 where="loads",
-                remedy="send it with the files of the program",
+                remedy="send the table together with the files of the program",
             )
         self._program = read_program(
             files,
@@ -495,8 +497,8 @@ class ProgramWork(Work):
             remedy = "state the load; measure more if the deflections matter"
             reasons.append(own_reason("nothing_corrected", "use_with_care", message, remedy))
         if left:
-            message = f"{moves - left} of {moves} moves corrected, {left} left"
-            remedy = "check that the moves that are left do not need a correction"
+            message = f"{moves - left} of {moves} moves were corrected, {left} were left unchanged"
+            remedy = "check that the unchanged moves need no correction"
             reasons.append(own_reason("moves_left", "use_with_care", message, remedy))
         if capped:
             weight: Verdict = "do_not_use" if capped == points else "use_with_care"
@@ -509,7 +511,7 @@ class ProgramWork(Work):
             reasons.append(own_reason("near_singularity", "use_with_care", message, remedy))
         if capped and self._request.accept_verdict is None:
             items = [("the program", each.message, each.remedy) for each in reasons]
-            raise VerdictError.of("a program whose corrections are held back", "max_displacement", items)
+            raise VerdictError.of("a program whose corrections exceed the limits", "max_displacement", items)
         return judged("program", reasons, run.assessment)
 
     def _correction_limits(self) -> CorrectionLimits:
@@ -563,9 +565,9 @@ class ProgramWork(Work):
         for remark in self._program.left_alone:
             lines.setdefault(remark.text, []).append(remark.line)
         for each in self._program.left:
-            lines.setdefault(f"left: {each.reason}; {each.remedy}", []).append(each.line)
+            lines.setdefault(f"left unchanged: {each.reason}; {each.remedy}", []).append(each.line)
         left = [f"{_line_numbers(numbers)}: {reason}" for reason, numbers in lines.items()]
-        more = [f"… and {len(left) - _MAX_REMARKS} more"] if len(left) > _MAX_REMARKS else []
+        more = [f"… and {len(left) - _MAX_REMARKS} more remarks"] if len(left) > _MAX_REMARKS else []
         remarks = self._run_model.remarks(self._request.confidence)
         return [*remarks, *left[:_MAX_REMARKS], *more]
 

@@ -133,7 +133,11 @@ def _weight_lines(weight: WeightResult) -> Iterator[Line]:
     yield Line(
         f"  without sag, the best geometry leaves {length_text(before)} rms of a coordinate; "
         f"with sag, {length_text(after)}"
-        + (": the arm bends too little under its own weight to gain much" if after > 0.9 * before else "")
+        + (
+            ": the sag of the arm under its own weight is too small to improve the fit much"
+            if after > 0.9 * before
+            else ""
+        )
     )
 
 
@@ -177,7 +181,8 @@ def _advice_lines(run: Run, result: RunResult, *, details: bool) -> Iterator[str
         elif advice.joint not in advised:
             advised.add(advice.joint)
             gain = _predicted_gain_text(run, advice, joints[advice.joint])
-            yield f"{advice.joint}: {_advised_reading_text(advice, [joint.kind for joint in result.joints])}{gain}"
+            reading = _advised_reading_text(advice, [joint.kind for joint in result.joints])
+            yield f"{advice.joint}: {reading}{gain}"
 
 
 def _advised_reading_text(advice: Advice, kinds: Sequence[JointKind]) -> str:

@@ -61,11 +61,11 @@ REFUSED = {
     ),
     "a row that is short": (
         f"{HEADER}\n1,0,0\n",
-        "loads:2: cells are missing, or out of range; give a finite number in each column",
+        "loads:2: a cell is missing, or a number is out of range; give a finite number in each column",
     ),
     "a force beyond all": (
         f"{HEADER}\n1,0,0,1.1e9\n",
-        "loads:2: cells are missing, or out of range; give a finite number in each column",
+        "loads:2: a cell is missing, or a number is out of range; give a finite number in each column",
     ),
     "point 0": (
         f"{HEADER}\n0,0,0,9\n",
@@ -103,5 +103,5 @@ def test_a_line_with_two_loads_is_refused():
     with pytest.raises(RequestError) as refused:
         compensated("krl", TEXT, load=None, segments=segments((9, 10), (7, 9)))
     assert str(refused.value) == (
-        "segments[0]: line 9 has two loads; let segments end before the next ones begin"
+        "segments[0]: line 9 has two loads; give segments of lines that do not overlap"
     )
