@@ -75,7 +75,8 @@ def _evidence_parts(result: GeometryResult) -> list[Part]:
         ]
         if poses.held_out_rms is not None:
             lines.append(
-                f"poses that were left out of the fit have a residual of {length_text(poses.held_out_rms)} rms"
+                f"poses that were left out of the fit have a residual of "
+                f"{length_text(poses.held_out_rms)} rms"
             )
         lines += [f"not determined: {', '.join(names)}" for names in poses.only_together]
         parts.append(Line("\n".join(f"  {line}" for line in lines)))

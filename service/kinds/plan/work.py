@@ -143,7 +143,8 @@ def _compute_plan(planned: PlanInput, request: plans.PlanRequest) -> PlanResult:
         so_far = replace(so_far, present=so_far.present | so_far.unloaded_only)
     if isinstance(request.goal, DecisionGoal) or getattr(request.goal, "force", None) is not None:
         raise RequestError(
-            "a plan cannot have a decision as its goal, nor a goal for the deflection under a force other than "
+            "a plan cannot have a decision as its goal, nor a goal for the deflection under a force "
+            "other than "
             "the load of the plan",
             where="goal",
             remedy="give a goal for the uncertainty of the joints, or of the deflection under the plan's load; "

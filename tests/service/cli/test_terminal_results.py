@@ -236,7 +236,8 @@ def test_a_plan_says_what_it_adds_and_is_a_campaign_to_fill_in():
         "from the noise of the readings alone; model error is not included",
         "p1 -150.0 -4.0 48.0 -10.0 95.0 -15.0 1500",
         "v2 -22.0 69.0 37.0 44.0 -73.0 68.0 1500",
-        "v…: readings to validate the model, not to fit it. Targets: P10, P11, P12. Load point in the flange frame: -60, "
+        "v…: readings to validate the model, not to fit it. Targets: P10, P11, P12. Load point in the "
+        "flange frame: -60, "
         "20, 180 mm",
         "certified: at least 100.0 % of the best list's information (relative uncertainty of the joints)",
         "200 of 200 readings were feasible",

@@ -211,7 +211,8 @@ class TestTwoCampaigns:
         coupled = posted(read, **bent, cross_validation={"folds": 2})["id"]
         assert told(compared(coupled)) == (
             f"422 | run_ids | a comparison of two sides needs runs with elastic joints only, but the run "
-            f"'{coupled}' has elasticity coupled_joints | identify the measurement set with elasticity `joints`, and give the "
+            f"'{coupled}' has elasticity coupled_joints | identify the measurement set with elasticity "
+            f"`joints`, and give the "
             "new run"
         )
 

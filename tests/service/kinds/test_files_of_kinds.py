@@ -176,7 +176,8 @@ class TestPlan:
         lines = report_of(local, jobs["plan"])
         for line in [
             "joint_4 | 2.6 % | 7.9 % |",
-            "Readings, in order; v…: readings to validate the model, not to fit it. Targets: P10, P11, P12. Load point in the "
+            "Readings, in order; v…: readings to validate the model, not to fit it. Targets: P10, P11, "
+            "P12. Load point in the "
             "flange frame: -60, 20, 180 mm",
             "p1 | -99.0 | 11.0 | 54.0 | -55.0 | 83.0 | 160.0 | 1500 | x -0.38 y +0.86 z -0.33 | [ ] | [ ] |",
             "1500 N",

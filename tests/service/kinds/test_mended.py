@@ -251,7 +251,8 @@ def test_a_cause_that_the_readings_cannot_show_is_refused(options, said):
             {"causes": [{"name": "play"}]},
             (
                 "plan.causes",
-                "`causes` can be fitted only to a campaign under loads, but this plan continues no such campaign",
+                "`causes` can be fitted only to a campaign under loads, but this plan continues no such "
+                "campaign",
                 "omit `causes`, or continue a campaign that was measured under loads",
             ),
         ),

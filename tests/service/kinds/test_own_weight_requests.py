@@ -184,7 +184,8 @@ class TestWhatOwnWeightDoesNotKnow:
             return local.request("POST", "/v1/plans", json=asked | changes)
 
         assert told(plan()) == (
-            "422 | load | a plan for own weight needs the masses of the robot and the stiffness of at least one "
+            "422 | load | a plan for own weight needs the masses of the robot and the stiffness of at "
+            "least one "
             "joint | state `bodies` of the robot, and a guess of the joints' `stiffness`"
         )
         area = [[1.0, 0.0, 1.0], [2.0, 1.0, 2.0]]
