@@ -180,7 +180,7 @@ def _list_method_parts(entries: Sequence[ComparedRun], view: View) -> list[Part]
 
 
 def _constraints_change_nothing(entries: Sequence[ComparedRun], cell: Cell) -> bool:
-    """Return whether each fit with the constraint of positive compliance shows the numbers of the free fit."""
+    """Return whether each fit with compliances ≥ 0 shows the same numbers as the free fit."""
     by_constraint: dict[bool, dict[tuple[str, str], list[str]]] = {False: {}, True: {}}
     for entry in entries:
         numbers = [str(cell(entry, j)) for j in range(len(entry.joints))]
@@ -475,7 +475,7 @@ def ratios_sheet(job: Comparison) -> Sheet:
 
 
 def configurations_sheet(job: Comparison) -> Sheet:
-    """Return the file `configurations.csv`: measured deflection and residual of each configuration and run."""
+    """Return the file `configurations.csv`: deflection and residual of each configuration and run."""
     result = job.result
     sides = {side.side: side for side in (result.sides if result else ())}
     return Sheet.of_rows(

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _DOWN: Final = -0.9999
 """Component along z of R0 below which a unit vector counts as pointing down."""
 _TIGHT: Final = 0.3
-"""Certified efficiency below which the bound is poor rather than the list, as with many parameters."""
+"""Certified efficiency below which the bound, not the list, is probably poor, as with many parameters."""
 _CRITERIA = {
     "relative_a": "relative uncertainty of the joints",
     "work_area": "predictions in the work area",
@@ -76,7 +76,10 @@ def report(job: Plan, result: PlanResult, view: View) -> Report:
 
 
 def _joints_table(result: PlanResult) -> Table:
-    """Return a table of each joint's uncertainty after the plan and now; empty for joints left out."""
+    """Return a table of each joint's uncertainty after the plan and now.
+
+    Cells are empty for joints that no load of the plan twists.
+    """
     joints, empty = result.joints, [None] * len(result.left_out)
     columns = [
         Column("joint", [*(joint.name for joint in joints), *result.left_out], text=True),
@@ -95,17 +98,18 @@ def _joints_table(result: PlanResult) -> Table:
 
 
 def _relative_uncertainty(joint: PlannedJoint, uncertainty: float | None) -> float | None:
-    """Return an uncertainty of a compliance relative to the compliance; None if either is unknown.
+    """Return the relative uncertainty of a joint's compliance, which is also that of its stiffness.
 
-    The stiffness has the same relative uncertainty.
+    `uncertainty` is of the compliance; None if it or the compliance is unknown.
     """
     if uncertainty is None or joint.relative is None:
         return None
+    # `relative` belongs to `standard_uncertainty`: their ratio is 1 / compliance.
     return joint.relative * uncertainty / joint.standard_uncertainty
 
 
 def _uncertainty_cell(joint: PlannedJoint, uncertainty: float | None) -> str | None:
-    """Format an uncertainty in % of the compliance, or as a compliance if the joint's is unknown."""
+    """Format an uncertainty in % of the compliance, or in units of compliance if that is unknown."""
     share = _relative_uncertainty(joint, uncertainty)
     if share is not None:
         return f"{figure(100 * share, '.2g')} %"
@@ -114,7 +118,7 @@ def _uncertainty_cell(joint: PlannedJoint, uncertainty: float | None) -> str | N
 
 
 def _readings_table(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
-    """Return the table of readings: posture, force, direction; with `boxes`, columns to tick on paper."""
+    """Return the table of readings: posture, force, direction; `boxes` adds columns to tick on paper."""
     readings = result.readings
     gauged = any(each.direction is not None for each in readings)
     prismatic, blocks = _prismatic_joints(result), max((each.block for each in readings), default=1)
@@ -152,7 +156,7 @@ def _prismatic_joints(result: PlanResult) -> list[int]:
 
 
 def _joint_names(result: PlanResult) -> list[str]:
-    """Return the names of all joints; numbers if a plan without `joint_kinds` does not name them all."""
+    """Return the names of all joints, or "axis 1" and so on if an older plan does not name every joint."""
     if result.joint_kinds:
         return list(result.joint_kinds)
     known = [joint.name for joint in result.joints]
@@ -161,7 +165,7 @@ def _joint_names(result: PlanResult) -> list[str]:
 
 
 def _force_direction_text(job: Plan, reading: PlannedReading) -> str:
-    """Describe the direction of a force: the anchor of a cable, own weight, down, or components in R0."""
+    """Describe the direction of a reading's force: to a cable's anchor, own weight, down, or a vector."""
     if reading.anchor is not None and isinstance(job.request.load, Cable):
         return (
             f"to anchor {reading.anchor + 1}, {_position_text(job.request.load.anchors[reading.anchor])} mm"
@@ -174,26 +178,27 @@ def _force_direction_text(job: Plan, reading: PlannedReading) -> str:
 
 
 def _gauge_direction_text(reading: PlannedReading) -> str:
-    """Describe the direction of a gauge as `import` reads it: an axis of R0 such as "z", or components."""
+    """Return a gauge's direction as text that `import` reads: an axis of R0 such as "z", or components."""
     direction = reading.direction or (0.0, 0.0, 0.0)
+    # −`_DOWN` is just below 1: such a component is along its axis.
     axis = next((axis for axis, part in zip("xyz", direction, strict=True) if abs(part) > -_DOWN), None)
     return axis or _vector_text(direction)
 
 
 def _vector_text(unit: Sequence[float]) -> str:
-    """Format the components of a unit vector."""
+    """Format the components of a unit vector, such as "x +0.50  y +0.00  z -0.87"."""
     return "  ".join(f"{axis} {part:+.2f}" for axis, part in zip("xyz", unit, strict=True))
 
 
 def _position_text(position: Sequence[float]) -> str:
-    """Format the coordinates of a position [m] in mm."""
+    """Format the coordinates of a position [m] in mm, such as "-60, 20, 180"."""
     return ", ".join(f"{1e3 * part:.0f}" for part in position)
 
 
 def readings_sheet(plan: Plan) -> Sheet:
-    """Return the file `readings.csv`: the list of readings with empty columns for the measured positions.
+    """Return the file `readings.csv`: the planned readings with empty columns for measured positions.
 
-    When the columns are filled in, `jointstiff import` reads the file.
+    When these columns are filled in, `jointstiff import` reads the file.
     """
     result = plan.result
     if result is None:
@@ -233,7 +238,7 @@ def readings_sheet(plan: Plan) -> Sheet:
 
 
 def campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> dict[str, Any]:
-    """Return a campaign's JSON object with the planned readings; the measured positions are still null."""
+    """Return the JSON object of a campaign with the planned readings, whose positions are still null."""
     options, result = plan.request, plan.result
     robot = source.robot if isinstance(source, Campaign) else source
     encoders = source.measurement_set.encoders if isinstance(source, Campaign) else "motor"
@@ -268,7 +273,7 @@ def campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> dict[st
 
 
 def charts(result: PlanResult) -> list[Chart]:
-    """Return a chart of each joint's uncertainty: after this plan, after random plans, and now."""
+    """Return a chart of each joint's standard uncertainty: after this plan, after random plans, and now."""
     joints, known = result.joints, all(joint.relative is not None for joint in result.joints)
     # Without the compliance of every joint, uncertainties of compliances are drawn, not relative ones.
     value = _relative_uncertainty if known else lambda _, uncertainty: uncertainty

@@ -48,19 +48,20 @@ _LINKS: Final = frozenset({"deflection_unexplained"})
 
 @dataclass(frozen=True, eq=False)
 class PlanInput:
-    """The robot of a plan, and the campaign that it continues, if any."""
+    """Robot of a plan, and the campaign that the plan continues, if any."""
 
-    robot: Robot  # the robot
+    robot: Robot  # robot that is measured
     robot_id: str  # id of the stored robot
     content: str  # hash of the robot and of the readings so far
-    prepared: PreparedSet | None = None  # the campaign to continue; None to begin a campaign
+    prepared: PreparedSet | None = None  # campaign to continue; None to begin a campaign
 
 
 def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
     """Fetch the robot or the campaign of a request, and return the work that computes the plan.
 
     Raises:
-        RequestError: the robot or the set does not exist, or options need a campaign that is not given.
+        RequestError: the robot or the set does not exist, or the options need a campaign but the request
+            has none.
     """
     if request.causes and (request.measurement_set_id is None or isinstance(request.load, OwnWeight)):
         raise RequestError(
@@ -97,11 +98,11 @@ def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
 
 
 def _compute_plan(planned: PlanInput, request: plans.PlanRequest) -> PlanResult:
-    """Identify the campaign so far, if there is one, then plan further readings, and return the plan.
+    """Identify the campaign so far, if the plan continues one, then plan readings, and return the plan.
 
     Raises:
-        RequestError: the robot or the campaign lacks something, the campaign so far is not to be used, or no
-            plan satisfies the request.
+        RequestError: the robot or the campaign lacks data that the plan needs, the verdict on the campaign so
+            far is "do not use", or no plan satisfies the request.
     """
     robot, prepared = planned.robot, planned.prepared
     nominal, sigma, unexplained, assessment = np.full(robot.n, np.nan), None, None, None
@@ -122,7 +123,8 @@ def _compute_plan(planned: PlanInput, request: plans.PlanRequest) -> PlanResult:
         joints = JointsAlone(robot, prepared.measurements, settings, prepared.warnings)
         estimate, screening = joints.estimate, joints.screening
         sigma = estimate.sigma
-        for j, joint in enumerate(estimate.joints):  # the compliances that the readings so far determine
+        # A compliance with a great uncertainty is no nominal value: it stays NaN.
+        for j, joint in enumerate(estimate.joints):
             u = joint.standard_uncertainty
             if joint.compliance and u is not None and u < _LARGEST_RELATIVE * joint.compliance:
                 nominal[j] = joint.compliance
@@ -138,7 +140,7 @@ def _compute_plan(planned: PlanInput, request: plans.PlanRequest) -> PlanResult:
         )
         unexplained = None if prediction.compensation is None else 1.0 - prediction.compensation
     so_far = None if prepared is None else prepared.measurements
-    # Positions without load are readings, too, where the robot's own weight is the load.
+    # If the robot's own weight is the load, positions without another load are readings, too.
     if so_far is not None and so_far.unloaded_only is not None:
         so_far = replace(so_far, present=so_far.present | so_far.unloaded_only)
     if isinstance(request.goal, DecisionGoal) or getattr(request.goal, "force", None) is not None:
@@ -147,8 +149,8 @@ def _compute_plan(planned: PlanInput, request: plans.PlanRequest) -> PlanResult:
             "other than "
             "the load of the plan",
             where="goal",
-            remedy="give a goal for the uncertainty of the joints, or of the deflection under the plan's load; "
-            "or pursue this goal in a live campaign",
+            remedy="give a goal for the uncertainty of the joints, or of the deflection under the plan's "
+            "load; or pursue this goal in a live campaign",
         )
     wanted = to_design_request(
         request, robot, nominal=nominal, sigma=sigma, unexplained=unexplained, so_far=so_far
@@ -159,7 +161,7 @@ def _compute_plan(planned: PlanInput, request: plans.PlanRequest) -> PlanResult:
 
 
 def _list_reasons(result: PlanResult) -> list[Finding]:
-    """Return the reasons to use a plan with care: joints left out, and joints that stay uncertain."""
+    """Return the reasons to use a plan with care: joints that no load twists or that stay uncertain."""
     reasons = []
     if result.left_out:
         message = f"no load of this plan twists {', '.join(result.left_out)}"
@@ -177,7 +179,7 @@ def _list_reasons(result: PlanResult) -> list[Finding]:
 
 
 _POOR: Final = 0.5
-"""Standard uncertainty relative to the compliance beyond which a plan does not determine a joint."""
+"""Greatest standard uncertainty, relative to the compliance, with which a plan determines a joint."""
 
 
 _LACK_OF_FIT: Final = 0.1
@@ -197,18 +199,19 @@ def to_design_request(
     unexplained: float | None,
     so_far: Measurements | None,
 ) -> PlanRequest:
-    """Convert a posted request to the arrays in SI units that the solver plans with.
+    """Convert a posted request to the solver's request for a plan, with arrays in SI units.
 
     Args:
         request: as it was posted.
         robot: n joints.
-        nominal: (n,) compliance by the campaign so far [rad/(N·m)]; NaN where it is unknown.
+        nominal: (n,) compliances from the campaign so far [rad/(N·m)]; NaN for an unknown compliance.
         sigma: standard deviation of the campaign's readings [m]; None if it is unknown.
         unexplained: share of the campaign's mean deflection that joints leave unexplained; None if unknown.
-        so_far: readings of the campaign; None without campaign.
+        so_far: readings of the campaign; None if the plan begins a campaign.
 
     Raises:
-        RequestError: the robot does not have a named joint; or load, targets or a stiffness are missing.
+        RequestError: a joint that the request names does not exist; load, targets or a stiffness are
+            missing; or options contradict each other.
     """
     nominal = nominal.copy()
     for name, stiffness in request.stiffness.items():
@@ -216,9 +219,8 @@ def to_design_request(
     prior = np.full(robot.n, np.inf)
     for name, known in request.priors.items():
         j = robot.joint_index(name, f"priors.{name}")
-        prior[j] = (
-            known.standard_uncertainty / known.stiffness**2
-        )  # of the compliance c = 1/k: u(c) = u(k)/k²
+        # Uncertainty of the compliance c = 1/k: u(c) = u(k)/k².
+        prior[j] = known.standard_uncertainty / known.stiffness**2
         nominal[j] = 1.0 / known.stiffness
     names, targets = choose_targets(request, robot, so_far)
     load = request.load if isinstance(request.load, OwnWeight) else None
@@ -263,7 +265,7 @@ def to_design_request(
         work_area=None if area is None else np.array(area),
         directions=directions,
         links=lack_of_fit if request.elastic_links is None else request.elastic_links,
-        # Of the deflection, joints explain 1 − unexplained, and the links are taken for the rest.
+        # Joints explain the share 1 − `unexplained` of the deflection; links are assumed to cause the rest.
         link_share=unexplained / (1.0 - unexplained) if unexplained and lack_of_fit else _LINK_SHARE,
         angle=request.distinct_angle,
         validation=request.validation,
@@ -289,13 +291,19 @@ def to_plan_result(
     names: Sequence[str],
     assessment: Assessment | None,
 ) -> plans.PlanResult:
-    """Convert the solver's plan to a message.
+    """Convert the solver's plan to the message that is returned to the user.
 
-    `names` are those of the targets, and `assessment` is of the campaign so far.
+    Args:
+        request: that the solver planned from.
+        plan: of the solver.
+        robot: n joints.
+        names: of the targets.
+        assessment: verdict on the campaign so far; None if the plan begins a campaign.
     """
     parameters = plan.pool.parameters
     chosen = parameters.joints
-    c, known = parameters.nominal[chosen], parameters.known[chosen]  # compliance; whether it is known
+    c = parameters.nominal[chosen]  # compliances to which the plan's uncertainties are relative
+    known = parameters.known[chosen]  # whether each compliance is known, or only a guess of its size
     digits = len(str(len(plan.joints)))
     return plans.PlanResult(
         efficiency=plan.efficiency,
@@ -344,9 +352,10 @@ def to_plan_result(
 def choose_targets(
     request: plans.PlanRequest, robot: Robot, so_far: Measurements | None
 ) -> tuple[tuple[str, ...], FloatArray]:
-    """Return the names (T) and positions (T, 3) of the targets in the flange frame [m].
+    """Return names and positions (T, 3) [m, flange frame] of T targets, from the request or the campaign.
 
-    They are those of the request, or else of the campaign so far.
+    Raises:
+        RequestError: neither has targets, or the campaign was measured with gauges and the plan is not.
     """
     if request.targets:
         return tuple(request.targets), np.array(list(request.targets.values()))
@@ -365,13 +374,14 @@ def choose_targets(
             where="directions",
             remedy="give `directions` along which a gauge can read, or `targets` of a tracker",
         )
-    # Each direction of a gauge is a target of its own: the plan keeps one target at each position.
+    # A campaign has one target for each direction of a gauge: keep the first target at each position,
+    # rounded to 1 µm.
     first = np.sort(np.unique(np.round(positions, 6), axis=0, return_index=True)[1])
     return tuple(so_far.targets[t] for t in first), positions[first]
 
 
 def _choose_load_point(request: plans.PlanRequest, so_far: Measurements | None) -> FloatArray:
-    """Return the load point (3,) in the flange frame [m]: the request's, or of the greatest force so far."""
+    """Return the load point (3,) in the flange frame [m], from the request or the greatest force so far."""
     if request.load_point is not None:
         refuse_far_point(request.load_point, "load_point")
         return np.array(request.load_point)
@@ -382,9 +392,9 @@ def _choose_load_point(request: plans.PlanRequest, so_far: Measurements | None) 
 
 
 def _choose_loads(request: plans.PlanRequest, robot: Robot, so_far: Measurements | None) -> Loads:
-    """Return the loads of the request, or else loads like those of the campaign.
+    """Return the loads of the request or, if the request has none, loads like those of the campaign.
 
-    The campaign's loads count as a dead weight if all of them pull down, else as forces in any direction.
+    The campaign's loads become a dead weight if all of them pull down, otherwise forces in any direction.
     """
     limits = np.full(robot.n, np.inf)
     for name, limit in request.torque_limits.items():
@@ -409,7 +419,7 @@ def _choose_loads(request: plans.PlanRequest, robot: Robot, so_far: Measurements
 
 
 def _gauge_directions(request: plans.PlanRequest) -> FloatArray | None:
-    """Return the unit vectors (D, 3) along which gauges can read; None if all three coordinates are read."""
+    """Return unit vectors (D, 3) along which gauges can read; None for a tracker, which reads x, y and z."""
     if not request.directions:
         return None
     vectors = np.array(request.directions)
@@ -426,7 +436,7 @@ def _gauge_directions(request: plans.PlanRequest) -> FloatArray | None:
 
 
 def _check_facing(around: plans.Surroundings, names: tuple[str, ...]) -> plans.Surroundings:
-    """Return the surroundings, with the directions of reflectors sorted in the order of the targets."""
+    """Check that `facing` has a direction for each target, and return the surroundings in targets' order."""
     if not around.facing:
         return around
     if set(around.facing) != set(names) or not all(any(axis) for axis in around.facing.values()):
@@ -439,7 +449,7 @@ def _check_facing(around: plans.Surroundings, names: tuple[str, ...]) -> plans.S
 
 
 def _candidate_postures(request: plans.PlanRequest, robot: Robot) -> FloatArray | None:
-    """Return the postures (P, n) of the request among which the plan chooses; None if it states none."""
+    """Return the P postures (P, n) of the request to choose from; None if the request has no postures."""
     if not request.postures:
         return None
     for i, posture in enumerate(request.postures):
