@@ -96,12 +96,12 @@ class QuickWork(Work):
 
 
 def cut_into_spans(count: int, size: int) -> tuple[Span, ...]:
-    """Return spans (first, end) of `size` units that cover units 0 to `count` − 1; the last may be shorter."""
+    """Cut units 0 to `count` − 1 into spans of `size` units, and return them; the last may be shorter."""
     return tuple((start, min(start + size, count)) for start in range(0, count, size))
 
 
 def concatenate_steps(parts: Iterable[Arrays]) -> dict[str, npt.NDArray[Any]]:
-    """Return arrays by name, each concatenated from all steps along the first axis; needs at least one step."""
+    """Return arrays by name, each concatenated from all steps along axis 0; needs at least one step."""
     steps = list(parts)
     return {name: np.concatenate([step[name] for step in steps]) for name in steps[0]}
 

@@ -32,20 +32,20 @@ from jointstiff.solver.errors import JointstiffError, RequestError
 SETS_A_STEP: Final = 10
 """Sets in a step, which takes a quarter of a second, if joints alone are identified."""
 _SETS_A_STEP_AUTOMATIC: Final = 1
-"""Sets in a step if the elastic model is chosen automatically: elastic links take seconds."""
+"""Sets in a step if the elastic model is chosen automatically: a set with elastic links takes seconds."""
 _RETRIED_ERRORS: Final = (StoreUnavailableError, MemoryError)
-"""Errors that are not the set's fault: the step is carried out again, here or by another worker."""
+"""Errors that the set did not cause: the step is carried out again, here or by another worker."""
 
 
 class FleetWork(Work):
-    """The work of a fleet; its units are measurement sets. A single block of quick runs is done at once."""
+    """Work of a fleet, whose units are measurement sets; a single block of quick runs has no steps."""
 
     unit = "sets"
     activity = "identifying"
     robot_id = None
 
     def __init__(self, inputs: Inputs, request: FleetRequest) -> None:
-        """Find the sets, cut them into blocks, and fix their ids in the request that is stored.
+        """Find the sets, cut them into blocks, and write their ids into the request that is stored.
 
         Raises:
             RequestError: a set does not exist, or the fleet has no set, or too many.
@@ -55,7 +55,7 @@ class FleetWork(Work):
         _refuse_count(len(self._sets))
         run = request.run
         self._options = {name: getattr(run, name) for name in run.model_fields_set}
-        # Draws and penalties are steps of a run: a set with many of them is a step of its own.
+        # Resampling or a choice of link penalties makes a run slow: then each set is a step of its own.
         sizes = {"joints": SETS_A_STEP, "automatic": _SETS_A_STEP_AUTOMATIC}
         size = sizes.get(run.elasticity, 1) if run.resampling is None else 1
         self._blocks = cut_into_spans(len(self._sets), size)
@@ -65,13 +65,13 @@ class FleetWork(Work):
         self.details = {"request": request.model_copy(update={"measurement_set_ids": found})}
 
     def steps(self) -> tuple[Span, ...]:
-        """Return the blocks of sets as steps; none if one block has all sets and their runs take no steps."""
+        """Return a step for each block of sets; no steps if one block has all sets and their runs are quick."""
         return () if self._is_quick else self._blocks
 
     def compute(self, span: Span) -> Arrays:
-        """Identify the sets of a step; return their rows as bytes of JSON, and the size of each row.
+        """Identify the sets of a step; return their rows as bytes of JSON, and the size of each row in bytes.
 
-        A set that fails is a row with its error.
+        The row of a set that fails has the error.
 
         Raises:
             StoreUnavailableError: the database does not answer.
@@ -84,7 +84,7 @@ class FleetWork(Work):
         }
 
     def conclude(self, parts: Sequence[Arrays]) -> FleetResult:
-        """Return the rows of all sets, and the number of sets by outcome."""
+        """Return the result of the fleet: the rows of all sets, and the number of sets with each outcome."""
         table = concatenate_steps(parts or map(self.compute, self._blocks))
         ends = np.cumsum(table["sizes"])
         texts = np.split(table["rows"], ends[:-1])
@@ -93,7 +93,7 @@ class FleetWork(Work):
         return FleetResult(counts={name: counts[name] for name in get_args(FleetOutcome)}, rows=rows)
 
     def detach_for_step(self, span: Span) -> FleetWork:
-        """Return work that has the sets of a step in memory: another process cannot use the store."""
+        """Return work with the sets of a step in memory, for another process, which cannot use the store."""
         part, sets = copy(self), self._sets[slice(*span)]
         in_memory = _SetsInMemory.fetch(self._inputs, sets, self._options)
         vars(part).update(_inputs=in_memory, _sets=sets, _first=span[0], details={})
@@ -101,7 +101,7 @@ class FleetWork(Work):
 
     @cached_property
     def _is_quick(self) -> bool:
-        """Return whether the fleet is one block of sets whose runs take no steps."""
+        """True if the fleet is one block of sets whose runs take no steps."""
         return len(self._blocks) == 1 and not any(map(self._takes_steps, self._sets))
 
     def _takes_steps(self, named_set: NamedSet) -> bool:
@@ -117,7 +117,7 @@ class FleetWork(Work):
         return prepare_identification(self._inputs, request)
 
     def _identify_set(self, named_set: NamedSet) -> RunResult:
-        """Identify a set, all steps in this process, and return the result."""
+        """Identify a set, with all steps in this process, and return the result."""
         run = self._prepare_run(named_set)
         result = run.conclude([run.compute(span) for span in run.steps()])
         assert isinstance(result, RunResult)  # noqa: S101 - for mypy: a run has no other result
@@ -130,14 +130,14 @@ class FleetWork(Work):
 
 
 class _SetsInMemory:
-    """Measurement sets, or errors by which they cannot be used; replaces `Inputs` in another process."""
+    """Measurement sets by id, or the errors of unusable sets; replaces `Inputs` in another process."""
 
     def __init__(self, sets: Mapping[str, PreparedSet | JointstiffError]) -> None:
         self._sets = sets
 
     @classmethod
     def fetch(cls, inputs: Inputs, sets: Iterable[NamedSet], options: Mapping[str, Any]) -> _SetsInMemory:
-        """Fetch the sets from the store, without the observations that the options leave out."""
+        """Fetch the sets from the store, without observations that `options` leave out; catch their errors."""
         fetched = dict[str, PreparedSet | JointstiffError]()
         for named_set in sets:
             try:
@@ -149,7 +149,7 @@ class _SetsInMemory:
         return cls(fetched)
 
     def measured(self, set_id: str, _where: str, _leave_out: Sequence[str] = ()) -> PreparedSet:
-        """Return a set, as `Inputs.measured` does, or raise the error by which it cannot be used."""
+        """Return a set by its id, or raise the error because of which the set cannot be used."""
         found = self._sets[set_id]
         if isinstance(found, JointstiffError):
             raise found

@@ -156,7 +156,7 @@ def _prismatic_joints(result: PlanResult) -> list[int]:
 
 
 def _joint_names(result: PlanResult) -> list[str]:
-    """Return the names of all joints, or "axis 1" and so on if an older plan does not name every joint."""
+    """Return the names of all joints, or "axis 1" and so on if a stored plan does not name every joint."""
     if result.joint_kinds:
         return list(result.joint_kinds)
     known = [joint.name for joint in result.joints]
