@@ -55,7 +55,7 @@ class FleetWork(Work):
         _refuse_count(len(self._sets))
         run = request.run
         self._options = {name: getattr(run, name) for name in run.model_fields_set}
-        # Resampling or a choice of link penalties makes a run slow: then each set is a step of its own.
+        # Resampling or elastic links make a run slow: then each set is a step of its own.
         sizes = {"joints": SETS_A_STEP, "automatic": _SETS_A_STEP_AUTOMATIC}
         size = sizes.get(run.elasticity, 1) if run.resampling is None else 1
         self._blocks = cut_into_spans(len(self._sets), size)
@@ -65,7 +65,7 @@ class FleetWork(Work):
         self.details = {"request": request.model_copy(update={"measurement_set_ids": found})}
 
     def steps(self) -> tuple[Span, ...]:
-        """Return a step for each block of sets; no steps if one block has all sets and their runs are quick."""
+        """Return a step for each block of sets; no steps if one block has all sets, whose runs are quick."""
         return () if self._is_quick else self._blocks
 
     def compute(self, span: Span) -> Arrays:
@@ -137,7 +137,7 @@ class _SetsInMemory:
 
     @classmethod
     def fetch(cls, inputs: Inputs, sets: Iterable[NamedSet], options: Mapping[str, Any]) -> _SetsInMemory:
-        """Fetch the sets from the store, without observations that `options` leave out; catch their errors."""
+        """Fetch the sets, or their errors, from the store, without observations that `options` leave out."""
         fetched = dict[str, PreparedSet | JointstiffError]()
         for named_set in sets:
             try:

@@ -71,9 +71,9 @@ from jointstiff.solver.predict.forward import (
 from jointstiff.solver.predict.models import EXTRAPOLATED
 
 MAX_QUICK_POINTS: Final = 10_000
-"""Greatest number of points of a program that is corrected at once; a point counts for each move to it."""
+"""Greatest number of points of a program without steps; a point counts once for each move to it."""
 STEP_POINTS: Final = 2_000
-"""Points in a step of a longer program."""
+"""Number of points in a step of a program with more points."""
 _MAX_REMARKS: Final = 50
 _MAX_UNPACKED: Final = 256 * 1024 * 1024
 """Greatest size of a file after decompression, which protects the memory."""
@@ -121,17 +121,18 @@ class Corrections(Compensation):
 class WrittenPoints:
     """The m points of a path, and how well the written program corrects the k points under load."""
 
-    path: ProgramPath  # the path
+    path: ProgramPath  # path of the program
     corrections: Corrections  # corrections of the points under load
-    residual: FloatArray  # (k, 6) motion from the wanted pose to the loaded pose as written [m, rad]
+    # (k, 6) motion from the wanted pose to the pose under load with the written numbers [m, rad]
+    residual: FloatArray
     rounding: FloatArray  # (k,) length of the residual's part that is due to the program's rounded digits [m]
     changed: BoolArray  # (k,) whether a number of the target was changed
     place: FloatArray  # (m, 3) wanted position of the tool's centre point in R0 [m]
     arm: FloatArray  # (m, 6) wanted postures of the arm as the controller shows them [rad]
-    quantile: float  # half the width of intervals in standard uncertainties
+    quantile: float  # half width of the intervals in standard uncertainties
 
     def summarize_sizes(self, sizes: FloatArray) -> Spread | None:
-        """Return median, 95 % quantile and greatest of sizes (k,) [m]; None without sizes."""
+        """Return median, 95 % quantile and maximum of sizes (k,) [m]; None if `sizes` is empty."""
         if not len(sizes):
             return None
         median, p95, greatest = np.quantile(sizes, [0.5, 0.95, 1.0]).tolist()
@@ -139,11 +140,14 @@ class WrittenPoints:
 
     @cached_property
     def _intervals(self) -> FloatArray:
-        """Intervals (2, k, 2) of the deflection [m]: by readings, with model error; NaN where unknown."""
+        """Two intervals of each deflection (2, k, 2) [m]: from readings only, and with model error.
+
+        NaN where an interval is unknown.
+        """
         corrections = self.corrections
         half = np.stack([self.quantile * corrections.uncertainty, corrections.model_error])
         half = np.where(np.isfinite(half), half, np.nan)
-        # The interval with model error is never narrower than the interval by readings alone.
+        # The interval with model error must not be narrower than the interval from readings only.
         half[1] = np.where(np.isnan(half[1]), np.nan, np.fmax(half[0], half[1]))
         deflection = _vector_lengths(corrections.uncorrected[:, :3])
         return np.stack([np.maximum(deflection - half, 0.0), deflection + half], axis=2)
@@ -177,7 +181,7 @@ class WrittenPoints:
         )
 
     def _loaded_columns(self, block: slice) -> FloatArray:
-        """Return the columns `_LOADED` (b, 22) of a block of b points under load."""
+        """Return the numbers (b, 22) in the columns `_LOADED` for a block of b points under load."""
         corrections = self.corrections
         return np.column_stack(
             [
@@ -192,7 +196,7 @@ class WrittenPoints:
         )
 
     def pack_table(self) -> bytes:
-        """Return the bytes of a table of all points, in the order of the path; `points_sheet` reads them."""
+        """Return a table of all points, in the order of the path, as bytes that `points_sheet` reads."""
         corrections, path = self.corrections, self.path
         numbers = np.full((len(_POSTURE) + len(_LOADED), len(path.targets)), np.nan, dtype=np.float32)
         numbers[:3], numbers[3 : len(_POSTURE)] = self.place.T, np.degrees(self.arm).T
@@ -239,12 +243,15 @@ def points_sheet(content: bytes) -> Sheet:
 
 
 def _motions_in_mm(motion: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Split motions (k, 6) [m, rad] into displacements (k, 3), their lengths [mm], and rotations [mrad]."""
+    """Return displacements (k, 3) [mm], their lengths (k,) [mm], and rotation angles (k,) [mrad].
+
+    `motion` (k, 6) [m, rad] has displacements, then rotation vectors.
+    """
     return 1e3 * motion[:, :3], 1e3 * _vector_lengths(motion[:, :3]), 1e3 * _vector_lengths(motion[:, 3:])
 
 
 def _vector_lengths(vectors: FloatArray) -> FloatArray:
-    """Return the lengths of vectors along the last axis."""
+    """Return the Euclidean length of each vector along the last axis."""
     return np.asarray(np.linalg.norm(vectors, axis=-1))
 
 
@@ -334,9 +341,9 @@ def _refuse_out_of_limits(path: ProgramPath, robot: Robot, found: Corrections) -
 
 
 def _interpret_external_axes(request: ProgramRequest, robot: Robot) -> ExternalAxes:
-    """Return whether the program's external axes may move the arm or the part.
+    """Return how the external axes of the program are interpreted: axes of the robot, or of a carrier.
 
-    If the request does not say so, linear axes of the robot's model are taken for the external axes.
+    If the request does not say, they are axes of the robot if the robot's model has linear axes.
     """
     if request.external_axes is not None:
         return ExternalAxes(request.external_axes)
@@ -344,7 +351,7 @@ def _interpret_external_axes(request: ProgramRequest, robot: Robot) -> ExternalA
 
 
 class ProgramWork(Work):
-    """The work of a compensated program; its units are points. Postures are computed when first needed."""
+    """Work of a compensated program, whose units are points; postures are computed when first needed."""
 
     unit = "points"
     activity = "compensating"
@@ -353,8 +360,8 @@ class ProgramWork(Work):
         """Read the program, and collect its loads.
 
         Raises:
-            RequestError: the request contradicts itself, the run has no model, or the program is not
-                understood.
+            RequestError: fields of the request contradict each other, the run has no model, or the program
+                is not understood.
         """
         if request.accuracy_option == "compensates_load":
             raise RequestError(
@@ -398,19 +405,19 @@ class ProgramWork(Work):
 
     @cached_property
     def _path(self) -> ProgramPath:
-        """Wanted postures and loads of the program's points."""
+        """Path of the program: wanted postures and loads of its points."""
         return find_path(
             self._program, self._request, self._run_model.model.robot, self._inverse, self._visits
         )
 
     @cached_property
     def _ramp(self) -> FloatArray:
-        """Share (m,) of the correction at each point: along `ramp_length`, corrections fade in and out."""
+        """Share (m,) of the full correction at each point, which rises and falls along `ramp_length`."""
         length = LENGTH[self._request.units.length] * self._request.ramp_length
         return ramp_shares(self._run_model.model.robot, self._path.cases, length)
 
     def steps(self) -> Sequence[Span]:
-        """Return the steps of a long program, spans of its points under load; a short program has none."""
+        """Return spans of the points under load as steps; no steps for a short program."""
         points = max(len(self._program.targets), len(self._program.moves.visits))
         return () if points <= MAX_QUICK_POINTS else self._spans()
 
@@ -422,14 +429,14 @@ class ProgramWork(Work):
         """Compute the corrections of the points of a step; return the fields of `Corrections` by name.
 
         Raises:
-            RequestError: a load twists a joint of unknown stiffness, or the path is not reached.
+            RequestError: a load twists a joint of unknown stiffness, or the robot does not reach the path.
             ProgramError: the springs have no stable equilibrium under a load.
         """
         path, points = self._path, self._visits.loaded[slice(*span)]
         model, inverse = self._run_model.model, self._inverse
 
         def hold_linear_axes(commanded: FloatArray) -> FloatArray:
-            # The arm alone makes the correction: linear axes keep their positions.
+            # Only the arm makes the correction: linear axes keep their positions.
             return inverse.standing(model.robot, commanded)
 
         try:
@@ -453,8 +460,8 @@ class ProgramWork(Work):
         """Write the compensated program, and return it with the residuals of its points.
 
         Raises:
-            RequestError: as `compute` does.
-            ProgramError: a corrected target is not reached.
+            RequestError: a load twists a joint of unknown stiffness, or the robot does not reach the path.
+            ProgramError: the robot does not reach a corrected target.
         """
         corrections = Corrections(**concatenate_steps(parts or map(self.compute, self._spans())))
         del parts  # free the memory, as `corrections` is a copy
@@ -476,10 +483,10 @@ class ProgramWork(Work):
         return self._make_result(points, files, assessment)
 
     def _assess_corrections(self, corrections: Corrections) -> Assessment:
-        """Return the verdict on the compensated program, with reasons of its own and of the run.
+        """Return the verdict on the compensated program, with its reasons and those of the run.
 
         Raises:
-            VerdictError: limits reduce corrections, and the request does not accept this.
+            VerdictError: limits reduce corrections, and the request has no `accept_verdict`.
         """
         left, points = len(self._program.left), len(corrections.points)
         moves, capped = len(self._program.moves) + left, int(corrections.capped.sum())
@@ -516,7 +523,7 @@ class ProgramWork(Work):
         return judged("program", reasons, run.assessment)
 
     def _correction_limits(self) -> CorrectionLimits:
-        """Return the limits of a correction in m and rad, as the request states or by default."""
+        """Return the limits of a correction in m and rad, from the request or the default limits."""
         request, usual = self._request, CorrectionLimits()
         length, angle = LENGTH[request.units.length], ANGLE[request.units.angle]
         return CorrectionLimits(
@@ -561,7 +568,7 @@ class ProgramWork(Work):
         )
 
     def _list_remarks(self) -> list[str]:
-        """Return remarks of the run's model, then lines of the program that were not corrected, by reason."""
+        """Return remarks on the run's model, then a remark for each reason why lines were not corrected."""
         lines: dict[str, list[int]] = {}
         for remark in self._program.left_alone:
             lines.setdefault(remark.text, []).append(remark.line)
@@ -574,21 +581,21 @@ class ProgramWork(Work):
 
 
 def _line_numbers(lines: Sequence[int]) -> str:
-    """Return line numbers as text, such as "lines 3, 7": the first five, and how many more."""
+    """Return line numbers as text, such as "lines 3, 7": the first five, and the number of further lines."""
     first = ", ".join(map(str, lines[:5]))
     more = f" and {len(lines) - 5} more" if len(lines) > 5 else ""
     return f"line {first}" if len(lines) == 1 else f"lines {first}{more}"
 
 
 def compress_file(name: str, content: bytes) -> ProgramFile:
-    """Return a file as it is stored: compressed and in base64, with its size and SHA-256 digest."""
+    """Return a file to store: compressed content in base64, with size and SHA-256 digest of the content."""
     text = base64.b64encode(zlib.compress(content, 1)).decode("ascii")
     digest = hashlib.sha256(content).hexdigest()
     return ProgramFile(name=name, bytes=len(content), content=text, sha256=digest)
 
 
 def decompress_file(file: ProgramFile) -> bytes:
-    """Return the content of a stored file, decompressed.
+    """Return the decompressed content of a stored file, at most `_MAX_UNPACKED` bytes.
 
     Raises:
         RequestError: the file has no content.
