@@ -48,7 +48,7 @@ def _compute(inputs: Inputs, request: ProgramRequest) -> Work:
 
 
 def _points_sheet(job: Program) -> Sheet:
-    """Return the table of all points from the result of a program."""
+    """Return the sheet of all points, decompressed from the stored result of a program."""
     from jointstiff.service.kinds.program.work import decompress_file, points_sheet
 
     if job.result is None:
@@ -57,7 +57,7 @@ def _points_sheet(job: Program) -> Sheet:
 
 
 _CONTENT: Final = re.compile(r'"content":"[A-Za-z0-9+/=]*"')
-"""Content of a file in a job's JSON. Text of users cannot match: there, quotes have a backslash."""
+"""Pattern of a file's content in a job's JSON; a text of users cannot match, as its quotes have backslashes."""
 
 
 _SHOWN = 8
@@ -69,7 +69,7 @@ _REASONS = {
 
 
 def _report(_job: Program, result: ProgramResult, _view: View) -> Report:
-    """Return counts of corrected targets, quantiles of the distances, the worst points, and remarks."""
+    """Return the report: counts of corrected targets, quantiles of distances, worst points, remarks."""
     left = ", ".join(f"{count} {_REASONS[reason]}" for reason, count in result.left_alone.items())
     capped = f"; {result.capped} corrections reduced by the limits" if result.capped else ""
     alone = f"; not corrected: {left}" if left else ""
@@ -80,7 +80,7 @@ def _report(_job: Program, result: ProgramResult, _view: View) -> Report:
 
 
 def _distances_table(result: ProgramResult) -> Table:
-    """Return quantiles of the distance of the loaded tool from its target, without and with correction."""
+    """Return a table of quantiles of the loaded tool's distance from its target, and of the corrections."""
     rows = {
         "without correction": result.deflection,
         "as written, predicted": result.residual,
@@ -122,7 +122,7 @@ def _worst_table(result: ProgramResult) -> Table:
 
 
 def charts(result: ProgramResult) -> list[Chart]:
-    """Return a chart of the worst points: distance from the target without and with the correction."""
+    """Return a chart of the worst points: distance of the tool from its target with and without correction."""
     points = result.worst
     series = {
         "without correction": [point.deflection for point in points],

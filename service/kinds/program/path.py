@@ -451,7 +451,7 @@ class StatedConfigurations:
 
     def __init__(self, program: Program) -> None:
         self._program = program
-        # True if a joint move ends in the stated configuration; ABB's `ConfJ \Off` allows any configuration.
+        # True if a joint move ends in the stated configuration; not with ABB's `ConfJ \Off`.
         self.binds_joint_moves = program.format != "rapid" or not any(
             _FREE_RAPID.search(source.text) for source in program.sources
         )
@@ -560,7 +560,7 @@ class ProgramPath:
     cases: LoadCases  # wanted postures and their loads; `place` is the tool's centre point
 
     def make_fault(self, point: int, reason: str, remedy: str) -> Fault:
-        """Return a fault at a point of the path, given by index, for the caller to raise in a `ProgramError`."""
+        """Return a fault at a point of the path, given by index, to be raised in a `ProgramError`."""
         return _make_fault(self.program, int(self.targets[point]), reason, remedy)
 
 
@@ -637,7 +637,7 @@ def find_path(
 
 
 def _refuse_targets(program: Program, targets: IndexArray, reason: str, remedy: str) -> None:
-    """Raise a `ProgramError` with a fault for each of the targets, given by index; accept no targets."""
+    """Raise a `ProgramError` with a fault for each of the targets, given by index; without targets, do nothing."""
     if len(targets):
         raise ProgramError([_make_fault(program, int(i), reason, remedy) for i in np.unique(targets)])
 

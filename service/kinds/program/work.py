@@ -341,9 +341,9 @@ def _refuse_out_of_limits(path: ProgramPath, robot: Robot, found: Corrections) -
 
 
 def _interpret_external_axes(request: ProgramRequest, robot: Robot) -> ExternalAxes:
-    """Return how the external axes of the program are interpreted: axes of the robot, or of a carrier.
+    """Return whether the program's external axes are joints of the robot, or may carry the arm or the part.
 
-    If the request does not say, they are axes of the robot if the robot's model has linear axes.
+    If the request does not say, they are joints of the robot if its model has linear axes.
     """
     if request.external_axes is not None:
         return ExternalAxes(request.external_axes)
