@@ -57,7 +57,7 @@ def _points_sheet(job: Program) -> Sheet:
 
 
 _CONTENT: Final = re.compile(r'"content":"[A-Za-z0-9+/=]*"')
-"""Pattern of a file's content in a job's JSON; a text of users cannot match, as its quotes have backslashes."""
+"""Pattern of a file's content in a job's JSON; texts of users cannot match: their quotes are escaped."""
 
 
 _SHOWN = 8
@@ -122,7 +122,7 @@ def _worst_table(result: ProgramResult) -> Table:
 
 
 def charts(result: ProgramResult) -> list[Chart]:
-    """Return a chart of the worst points: distance of the tool from its target with and without correction."""
+    """Return a chart of the worst points: distance from the target, with and without correction."""
     points = result.worst
     series = {
         "without correction": [point.deflection for point in points],

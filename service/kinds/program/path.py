@@ -498,7 +498,7 @@ class StatedConfigurations:
         ]
 
     def _edit_number(self, index: int, column: int, number: int) -> Edit:
-        """Return the edit (start, end, text) of the source that writes a number in place of a target's word."""
+        """Return the edit (start, end, text) of the source that writes the number of a target's word."""
         targets = self._program.targets
         start, end = targets.spans[index, column].tolist()
         binary = self._program.sources[targets.source[index]].text[start] == "'"  # KUKA's 'B010'
@@ -673,7 +673,7 @@ def _find_wanted_postures(
     ranges = stated.ranges(visits)
     is_stated = np.isfinite(ranges).any(axis=(1, 2))
     start = start_joints(options, robot)
-    # A linear move keeps the configuration of the target before; a joint move takes the stated configuration.
+    # A linear move keeps the arm's configuration; a joint move takes the configuration that is stated.
     by_joint = program.moves.by_joint & is_stated & stated.binds_joint_moves
     with as_request_errors("robot"):
         joints, unreached = choose_postures(inverse, poses, given, ranges, by_joint, start)

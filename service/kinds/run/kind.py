@@ -125,7 +125,7 @@ def before_after_table(before: RunResult, after: RunResult, unit: StiffnessUnit)
 
 
 def _weight_lines(weight: WeightResult) -> Iterator[Line]:
-    """Yield lines on what uncertain masses add to each joint's interval, and what sag explains of readings."""
+    """Yield lines on the share of uncertain masses in the intervals, and on the residual without sag."""
     shares = [f"{each.joint} {100 * each.masses:.0f} %" for each in weight.joints if each.masses is not None]
     if shares:
         yield Line(f"  share of uncertain masses in each interval: {', '.join(shares)}")
@@ -175,7 +175,7 @@ def _fit_summary(result: RunResult) -> Line:
 
 
 def _advice_lines(run: Run, result: RunResult, *, details: bool) -> Iterator[str]:
-    """Yield advice on what to measure next: the best reading for each joint, or with `details` all."""
+    """Yield advice on what to measure next: the first advised reading of each joint, or with `details` all."""
     advised_joints = set()
     joints = {joint.name: joint for joint in result.joints}
     for advice in result.identifiability.advice:
