@@ -149,7 +149,7 @@ class _SetsInMemory:
         return cls(fetched)
 
     def measured(self, set_id: str, _where: str, _leave_out: Sequence[str] = ()) -> PreparedSet:
-        """Return a set by its id, or raise the error because of which the set cannot be used."""
+        """Return a set by its id, or raise the error of an unusable set."""
         found = self._sets[set_id]
         if isinstance(found, JointstiffError):
             raise found

@@ -637,7 +637,7 @@ def find_path(
 
 
 def _refuse_targets(program: Program, targets: IndexArray, reason: str, remedy: str) -> None:
-    """Raise a `ProgramError` with a fault for each of the targets, given by index; without targets, do nothing."""
+    """Raise a `ProgramError` with a fault for each target, given by index; do nothing without targets."""
     if len(targets):
         raise ProgramError([_make_fault(program, int(i), reason, remedy) for i in np.unique(targets)])
 

@@ -175,7 +175,7 @@ def _fit_summary(result: RunResult) -> Line:
 
 
 def _advice_lines(run: Run, result: RunResult, *, details: bool) -> Iterator[str]:
-    """Yield advice on what to measure next: the first advised reading of each joint, or with `details` all."""
+    """Yield advice on what to measure next: one reading for each joint, or with `details` all readings."""
     advised_joints = set()
     joints = {joint.name: joint for joint in result.joints}
     for advice in result.identifiability.advice:
