@@ -256,7 +256,11 @@ def _vector_lengths(vectors: FloatArray) -> FloatArray:
 
 
 def write_compensated_program(
-    path: ProgramPath, found: Corrections, model: ForwardModel, inverse: InverseKinematics, quantile: float
+    path: ProgramPath,
+    corrections: Corrections,
+    model: ForwardModel,
+    inverse: InverseKinematics,
+    quantile: float,
 ) -> tuple[list[bytes], WrittenPoints]:
     """Write the compensated program, and check the written numbers with the model of the loaded robot.
 
@@ -269,21 +273,21 @@ def write_compensated_program(
         ProgramError: a correction leads out of the joints' limits, or a corrected target is not reached.
     """
     robot, program, frames = model.robot, path.program, path.frames
-    _refuse_out_of_limits(path, robot, found)
-    targets, text = path.targets[found.points], Rewriting(program)
+    _refuse_out_of_limits(path, robot, corrections)
+    targets, rewriting = path.targets[corrections.points], Rewriting(program)
     residual, changed = np.empty((len(targets), 6)), np.zeros(len(targets), dtype=np.bool_)
     unreached: list[int] = []
-    for rows in text.blocks(targets):
-        block, cases = targets[rows], path.cases[found.points[rows]]
+    for rows in rewriting.blocks(targets):
+        block, cases = targets[rows], path.cases[corrections.points[rows]]
         by_joints, unit = program.targets.by_joints[block], program.targets.angle_unit[block, None]
-        commanded = Postures(robot, robot.joint_map.model_angles(found.commanded[rows]))
+        commanded = Postures(robot, robot.joint_map.model_angles(corrections.commanded[rows]))
         values = frames.numbers_of_poses(program, block, commanded.flange_pose)
-        before, after = (inverse.of_arm(each) for each in (cases.joints, found.commanded[rows]))
+        before, after = (inverse.of_arm(each) for each in (cases.joints, corrections.commanded[rows]))
         values[by_joints, :6] = (after / unit)[by_joints]
-        values[found.share[rows] == 0.0] = np.nan  # a target without correction keeps its text
-        corrected = np.flatnonzero(~by_joints & (found.share[rows] > 0.0))
-        words = path.stated.list_word_edits(block[corrected], before[corrected], after[corrected])
-        numbers = text.replace(block, values, words)
+        values[corrections.share[rows] == 0.0] = np.nan  # a target without correction keeps its text
+        corrected = np.flatnonzero(~by_joints & (corrections.share[rows] > 0.0))
+        word_edits = path.stated.list_word_edits(block[corrected], before[corrected], after[corrected])
+        numbers = rewriting.replace(block, values, word_edits)
         as_read = program.targets.values[block, :NUMBERS]
         changed[rows] = (np.isfinite(as_read) & (as_read != numbers)).any(axis=1)
         # Pose and joints of the written numbers, and the wanted pose of the numbers before.
@@ -294,7 +298,7 @@ def write_compensated_program(
         start = commanded if inverse.arm is robot and len(posed) == len(block) else None
         arm_angles, reached = inverse.polished_from(poses, start or Postures(inverse.arm, of_arm[posed]))
         angles[posed] = inverse.whole(arm_angles, of_model=True)
-        unreached += found.points[rows[posed[~reached]]].tolist()
+        unreached += corrections.points[rows[posed[~reached]]].tolist()
         wanted = robot.joint_map.model_angles(cases.joints)
         wanted_poses = np.empty((len(block), 4, 4))
         wanted_poses[posed], wanted_poses[by_joints] = goal, flange_poses(robot, wanted[by_joints])
@@ -307,15 +311,15 @@ def write_compensated_program(
         raise ProgramError([path.make_fault(point, reason, remedy) for point in sorted(unreached)])
     points = WrittenPoints(
         path=path,
-        corrections=found,
+        corrections=corrections,
         residual=residual,
-        rounding=np.asarray(np.linalg.norm(residual[:, :3] - found.residual[:, :3], axis=1)),
+        rounding=np.asarray(np.linalg.norm(residual[:, :3] - corrections.residual[:, :3], axis=1)),
         changed=changed,
         place=_wanted_positions(path, robot),
         arm=inverse.of_arm(path.cases.joints),
         quantile=quantile,
     )
-    return text.files(), points
+    return rewriting.files(), points
 
 
 def _wanted_positions(path: ProgramPath, robot: Robot) -> FloatArray:
@@ -494,7 +498,7 @@ class ProgramWork(Work):
         turn = np.abs(corrections.commanded - self._path.cases.joints[corrections.points]).max(
             axis=1, initial=0.0
         )
-        near, run = int((turn > _TURNED).sum()), self._run_model.result
+        near_singularity, run = int((turn > _TURNED).sum()), self._run_model.result
         reasons = [
             *of_deflection(float(lengths.max(initial=0.0)), run),
             *of_points([*np.unique(self._path.cases.load_point, axis=0).tolist()]),
@@ -513,8 +517,11 @@ class ProgramWork(Work):
             message = f"the limits reduce the corrections of {capped} of {points} points"
             remedy = "check the load and its unit, then raise `max_displacement` or `max_rotation`"
             reasons.append(own_reason("corrections_capped", weight, message, remedy))
-        if near:
-            message = f"{near} of {points} points are near a singularity: joints turn by over {_TURNED:g} rad"
+        if near_singularity:
+            message = (
+                f"{near_singularity} of {points} points are near a singularity: joints turn by over "
+                f"{_TURNED:g} rad"
+            )
             remedy = "move the part away from the singularity"
             reasons.append(own_reason("near_singularity", "use_with_care", message, remedy))
         if capped and self._request.accept_verdict is None:
