@@ -24,12 +24,12 @@ from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.work import (
     Work,
     carry_out,
+    compute_outcome,
     final_state,
     new_job,
-    outcome_of,
-    pack,
+    pack_arrays,
     unexpected_failure,
-    unpack,
+    unpack_arrays,
 )
 from jointstiff.service.live.stored import OpenSets
 from jointstiff.service.problems import (
@@ -220,7 +220,7 @@ class Jobs:
             if kept > part.kept and (span is remaining[0] or must_yield):
                 queue.add_following_parts(job_id, [Part(job_id, number, kept)])
                 return
-            if not stored.keep(job_id, span, pack(self.work(job_id).compute(span))):
+            if not stored.keep(job_id, span, pack_arrays(self.work(job_id).compute(span))):
                 return  # the job has ended
             kept += 1
         if (following := number + PARTS_AT_ONCE) < len(parts):
@@ -236,8 +236,8 @@ class Jobs:
             MemoryError: this process has too little memory; another worker may have enough.
         """
         work = self.work(job_id)
-        result, error = outcome_of(
-            lambda: work.conclude([unpack(content) for content in computed]),
+        result, error = compute_outcome(
+            lambda: work.conclude([unpack_arrays(content) for content in computed]),
             (RequestError, MemoryError, StoreUnavailableError),
         )
         provenance = {"versions": dict(versions())}

@@ -21,7 +21,7 @@ from jointstiff.schemas.robot import Robot
 from jointstiff.schemas.run import Run
 from jointstiff.service.jobs import Jobs, Parts
 from jointstiff.service.kinds.kind import AnyKind, File
-from jointstiff.service.kinds.program.work import unpacked
+from jointstiff.service.kinds.program.work import decompress_file
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.reports.certificate import build_certificate
 from jointstiff.service.reports.document import Document
@@ -204,7 +204,7 @@ def _corrected_program(requested: _RequestedFile) -> Content:
     path = PurePath(found.name)
     name = f"{path.stem}-corrected{path.suffix}" if result.corrected else found.name
     disposition = f"attachment; filename*=UTF-8''{quote(name, safe='')}"
-    return Content(unpacked(found), "application/octet-stream", {"Content-Disposition": disposition})
+    return Content(decompress_file(found), "application/octet-stream", {"Content-Disposition": disposition})
 
 
 def _require_result(jobs: Jobs, job_id: str) -> Job:

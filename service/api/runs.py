@@ -42,7 +42,7 @@ from jointstiff.service.api.jobs import JobId, JobRoute, PostOf
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.jobs import Jobs, Parts
 from jointstiff.service.kinds.program.kind import PROGRAM
-from jointstiff.service.kinds.program.work import packed
+from jointstiff.service.kinds.program.work import compress_file
 from jointstiff.service.problems import NotFoundError, place_in_document
 from jointstiff.service.resources.imports import import_files
 from jointstiff.service.resources.stored import load_job, robot_from_record
@@ -335,7 +335,7 @@ async def create_program(
         )
 
     def create(jobs: Jobs) -> JobRecord:
-        sent = [packed(*read_named_file(file)) for file in files]
+        sent = [compress_file(*read_named_file(file)) for file in files]
         body = options.model_copy(update={"files": sent})
         key = bind_key(idempotency_key, body.model_dump_json().encode())
         return jobs.create(body, key, posted.by)

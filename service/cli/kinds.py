@@ -19,7 +19,7 @@ from jointstiff.schemas.fields import Message, Terminal, parse_chain
 from jointstiff.schemas.options import METHODS_IN_SHORT
 from jointstiff.service.cli import options as cli
 from jointstiff.service.kinds.kind import AnyKind
-from jointstiff.service.kinds.rooms import ROOMS, kind_of
+from jointstiff.service.kinds.rooms import ROOMS, import_kind
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
@@ -91,7 +91,7 @@ class _FileOptions:
 
 def build_command(name: str) -> Callable[..., None]:
     """Return the function of the command of a kind of work, such as `identify`, with its options."""
-    kind, files = kind_of(name), _FILE_OPTIONS.get(name, _FileOptions())
+    kind, files = import_kind(name), _FILE_OPTIONS.get(name, _FileOptions())
     sources: dict[str, tuple[Any, Any]] = {
         key: (one, None if key == "second" else ...)
         for source in kind.sources
@@ -478,7 +478,7 @@ def _apply_action(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  #
 
     Without --apply, return the job unchanged.
     """
-    from jointstiff.service.kinds.run.kind import before_and_after
+    from jointstiff.service.kinds.run.kind import before_after_table
     from jointstiff.service.tables.stiffness import UNITS
     from jointstiff.service.tables.terminal import console, lay_out_parts
 
@@ -489,7 +489,7 @@ def _apply_action(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  #
     document = after.campaign.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
     cli.write_json(path, document)
     if after.result is not None and not values["as_json"]:
-        console().print(lay_out_parts([before_and_after(job.result, after.result, UNITS[values["unit"]])]))
+        console().print(lay_out_parts([before_after_table(job.result, after.result, UNITS[values["unit"]])]))
     return after
 
 
@@ -553,11 +553,11 @@ def _explain_moves_if_requested(values: _Values, sources: Sequence[Any]) -> bool
 
 def _write_program(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Program
     """Write the compensated files of a program, and the report if --report is given; return the job."""
-    from jointstiff.service.kinds.program.work import unpacked
+    from jointstiff.service.kinds.program.work import decompress_file
 
     outputs = _program_paths(values, sources)
     for each in job.result.files:
-        outputs[each.name].write_bytes(unpacked(each))
+        outputs[each.name].write_bytes(decompress_file(each))
     if values["report"] is not None:
         values["report"].write_bytes(job.table("csv"))
     return job

@@ -27,8 +27,8 @@ from jointstiff.schemas.robot import Robot, RobotDocument, RobotSummary
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.kinds.rooms import ROOMS, kind_of
-from jointstiff.service.kinds.verb import Cancel, Follow, OnProgress, verb_of
+from jointstiff.service.kinds.rooms import ROOMS, import_kind
+from jointstiff.service.kinds.verb import Cancel, Follow, OnProgress, import_verb
 from jointstiff.service.library import results
 from jointstiff.service.library.campaigns import Campaign, options_of
 from jointstiff.service.library.cases import AnyPostures, make_load_cases
@@ -213,7 +213,7 @@ class Client(Verbs):
             TypeError: an executor is given: the service has its own workers.
         """
         if isinstance(campaign, Run):
-            again: Callable[..., TabledRun] = verb_of("run")
+            again: Callable[..., TabledRun] = import_verb("run")
             return again(
                 self, campaign, options, on_progress=on_progress, cancel=cancel, executor=executor, **fields
             )
@@ -337,7 +337,7 @@ class Client(Verbs):
 
     def sheet(self, job: Job, file: File) -> Sheet:
         """Return the table of a file of a job; download the numbers if the job does not contain them."""
-        kind = kind_of(job.kind)
+        kind = import_kind(job.kind)
         whole = next((each for each in kind.files if each.suffix == "json"), None)
         if whole is None:
             from jointstiff.service.reports.job import build_job_sheet

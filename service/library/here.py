@@ -15,7 +15,7 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.kinds.kind import AnyJob, AnyKind, File, Kind
-from jointstiff.service.kinds.rooms import kind_of
+from jointstiff.service.kinds.rooms import import_kind
 from jointstiff.service.kinds.verb import Follow
 from jointstiff.service.kinds.work import QuickWork, carry_out, new_job
 from jointstiff.service.library import results
@@ -143,7 +143,7 @@ class Here(Verbs):
             CampaignError: the request cannot be used, or the readings do not support an indispensable run.
         """
         try:
-            run: Run = self.done(kind_of("run"), request.model_dump(mode="json"), {}, follow)
+            run: Run = self.done(import_kind("run"), request.model_dump(mode="json"), {}, follow)
         except CampaignError as refused:
             if not dispensable or not refused.problem.type.endswith(":unsupported-method"):
                 raise
@@ -171,11 +171,11 @@ class Here(Verbs):
             CampaignError: the request cannot be used.
         """
         if kind.is_form:
-            from jointstiff.service.kinds.program.work import packed
+            from jointstiff.service.kinds.program.work import compress_file
 
             if sum(map(len, files.values())) > kind.max_bytes:
                 raise CampaignError(http_problem(413, "the files exceed 16 MiB", "split the program"))
-            parts = [packed(name, content).model_dump(mode="json") for name, content in files.items()]
+            parts = [compress_file(name, content).model_dump(mode="json") for name, content in files.items()]
             request = request | {"files": parts}
         message = parse_document(request, kind.request)
         with as_campaign_error("" if {"readings", "files"} & set(kind.sources) else kind.name):
@@ -193,7 +193,7 @@ class Here(Verbs):
         Raises:
             CampaignError: the file cannot be made, or the verdict on the run is `do_not_use`.
         """
-        kind, suffix = kind_of(job.kind), name.rpartition(".")[2]
+        kind, suffix = import_kind(job.kind), name.rpartition(".")[2]
         if name.startswith("report."):
             return self._report(kind, job, suffix, laboratory)
         if name.startswith("model."):
@@ -204,17 +204,19 @@ class Here(Verbs):
                     _model_to_export(job), cast("Any", suffix), (query or {}).get("accept_verdict")
                 )
         if name == "program":
-            from jointstiff.service.kinds.program.work import unpacked
+            from jointstiff.service.kinds.program.work import decompress_file
 
             wanted = (query or {}).get("file")
-            return next(unpacked(each) for each in cast("Any", job.result).files if each.name == wanted)
+            return next(
+                decompress_file(each) for each in cast("Any", job.result).files if each.name == wanted
+            )
         file = next(file for file in kind.files if file.name == name)
         return write_sheet(self.sheet(job, file), suffix)
 
     @one_thread()
     def sheet(self, job: Job, file: File) -> Sheet:
         """Return the table of a file of a job; compute it again if the result does not contain it."""
-        kind = kind_of(job.kind)
+        kind = import_kind(job.kind)
         return build_job_sheet(file, job, lambda: kind.compute(self.inputs, job.request))
 
     def read_campaign(self, _run: Run) -> messages.Campaign | None:

@@ -18,7 +18,7 @@ from jointstiff.schemas.job import Progress
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Campaign, Run, RunRequest
 from jointstiff.service.kinds.verb import Cancel, Follow, OnProgress
-from jointstiff.service.kinds.width import CancelledWorkError, in_order
+from jointstiff.service.kinds.width import CancelledWorkError, map_in_order
 from jointstiff.service.library.campaigns import options_of
 from jointstiff.service.library.here import Here, make_failed_run
 from jointstiff.service.library.results import TabledRun
@@ -133,7 +133,7 @@ def _identify_by_executor(
     executor: Executor, tasks: Iterable[_Task], cancelled: Callable[[], bool]
 ) -> Generator[TabledRun]:
     """Yield the runs of tasks, computed by an executor, in the order of the tasks."""
-    with closing(in_order(executor, _identify_as_json, tasks, cancelled)) as answers:
+    with closing(map_in_order(executor, _identify_as_json, tasks, cancelled)) as answers:
         yield from map(TabledRun.model_validate_json, answers)
 
 

@@ -21,7 +21,7 @@ from jointstiff.schemas.run import JointResult, Run, RunResult
 from jointstiff.schemas.trend import Trend
 from jointstiff.service.kinds import verb
 from jointstiff.service.kinds.kind import AnyJob, File, Kind
-from jointstiff.service.kinds.rooms import kind_of
+from jointstiff.service.kinds.rooms import import_kind
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.tables.files import make_data_frame, write_sheet, xlsx_bytes
 from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS
@@ -203,15 +203,15 @@ class PresentedJob(Presented):
     def __repr__(self) -> str:
         """Return kind, short id, state and first line of the report in one line."""
         job = self._job
-        return f"<{kind_of(job.kind).message.__name__} {job.id[:8]}, {job.state}: {self._first_line()}>"
+        return f"<{import_kind(job.kind).message.__name__} {job.id[:8]}, {job.state}: {self._first_line()}>"
 
     def _parts(self) -> Sequence[Part]:
         from jointstiff.service.reports.job import job_parts
 
-        return job_parts(kind_of(self._job.kind), self._job)
+        return job_parts(import_kind(self._job.kind), self._job)
 
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
-        files = {file.name.partition(".")[0]: file for file in reversed(kind_of(self._job.kind).files)}
+        files = {file.name.partition(".")[0]: file for file in reversed(import_kind(self._job.kind).files)}
         return {name: partial(self._make_sheet, file) for name, file in reversed(files.items())}
 
     def _make_sheet(self, file: File) -> Sheet:
@@ -235,7 +235,7 @@ class PresentedJob(Presented):
         """Draw the charts of the kind of job; raise ValueError if the job has no result."""
         from jointstiff.service.reports.plots import draw_figure
 
-        kind, job = kind_of(self._job.kind), self._job
+        kind, job = import_kind(self._job.kind), self._job
         if job.result is None:
             raise ValueError(job.error.detail if job.error else f"the {job.kind} is {job.state}")
         areas = [] if kind.area is None else [kind.area(self._sheet(None))]
@@ -247,7 +247,7 @@ class PresentedJob(Presented):
         Raises:
             ValueError: the kind of job has no such file, or the origin of the job is not known.
         """
-        kind = kind_of(self._job.kind)
+        kind = import_kind(self._job.kind)
         file = next((file for file in kind.files if file.suffix == suffix), None)
         if file is None:
             endings = ", ".join(f".{file.suffix}" for file in kind.files) or "none"
@@ -280,7 +280,7 @@ class PresentedJob(Presented):
             self.report(path)
         elif suffix == "npz":
             path.write_bytes(self.table(suffix))
-        elif kind_of(job.kind).is_form and job.result is not None:
+        elif import_kind(job.kind).is_form and job.result is not None:
             names = [file.name for file in job.result.files]
             for name in names:
                 target = path if len(names) == 1 else path.with_suffix(Path(name).suffix)
@@ -568,7 +568,7 @@ def presented_class(kind: Kind[AnyJob, Any]) -> type[AnyJob]:
 
 def attach_origin(job: AnyJob, origin: Door) -> AnyJob:
     """Return a job as a presented class that knows its origin: the client or process that did the job."""
-    known = presented_class(kind_of(job.kind)).model_validate(dict(job))
+    known = presented_class(import_kind(job.kind)).model_validate(dict(job))
     cast("Any", known)._origin = origin
     return cast("AnyJob", known)
 

@@ -16,7 +16,7 @@ from jointstiff.schemas.report import Laboratory
 from jointstiff.schemas.run import Budget, RunResult
 from jointstiff.service.conversion.robots import joint_factors
 from jointstiff.service.conversion.units import FORCE, LENGTH
-from jointstiff.service.kinds.run.kind import causes_tested
+from jointstiff.service.kinds.run.kind import list_tested_causes
 from jointstiff.service.reports.document import (
     IDENTIFICATION,
     NOT_ISO_9283,
@@ -456,7 +456,7 @@ def build_method_section(model: ExportedModel, laboratory: Laboratory | None) ->
         facts=[
             ("Method", f"{way}; jointstiff {version}, as its documentation states (docs/method.md)."),
             *masses,
-            *(("Causes tested, p-value", line) for line in causes_tested(model.result)),
+            *(("Causes tested, p-value", line) for line in list_tested_causes(model.result)),
             ("Procedure of the laboratory", (laboratory and laboratory.method) or NOT_STATED),
         ],
         notes=notes or ["Deviations: none."],

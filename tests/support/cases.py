@@ -25,7 +25,7 @@ from support.campaigns import prepare
 from support.live import positions
 
 import jointstiff as js
-from jointstiff.service.kinds.program.work import unpacked
+from jointstiff.service.kinds.program.work import decompress_file
 from jointstiff.service.runs.trend import Campaign, ReadRun, compare_campaigns
 from jointstiff.service.store.tables import MeasurementSetEntry
 from jointstiff.simulator import default_arm
@@ -369,7 +369,9 @@ def compensate(document: dict[str, Any], program: Mapping[str, str], **options: 
         "worst": {str(each.number): [each.interval, each.share, each.capped] for each in found.worst},
         "files": {
             each.name: [
-                line for line in unpacked(each).decode().splitlines() if line.startswith(("PTP", "LIN"))
+                line
+                for line in decompress_file(each).decode().splitlines()
+                if line.startswith(("PTP", "LIN"))
             ]
             for each in found.files
         },

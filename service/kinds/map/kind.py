@@ -80,7 +80,7 @@ _REASONS: Final[Mapping[PlaceStatus, str]] = {
 
 
 def _report(job: Map, result: MapResult, _view: View) -> Report:
-    """Return the number of places without answer, quantiles of the deflection, and the extreme places."""
+    """Return counts of places without posture, quantiles of the deflection, and worst and stiffest place."""
     counts = result.counts
     unanswered = ", ".join(f"{counts[name]} {reason}" for name, reason in _REASONS.items() if counts[name])
     lines = [unanswered or f"all {result.places} places reached"]
@@ -135,9 +135,9 @@ def charts(result: MapResult) -> list[Chart]:
 
 
 def area(sheet: Sheet) -> Area:
-    """Return the plane slice of a map that `plot` draws, with the greatest deflection.
+    """Return the plane slice through the greatest deflection of a map, which `plot` draws.
 
-    The slice is normal to the axis along which the map has the fewest places.
+    The slice is normal to the axis of R0 along which the map has the fewest places.
     """
     places = {axis: [1e3 * float(value) for value in sheet.columns[f"{axis} [m]"]] for axis in "xyz"}
     values = [float("nan") if value is None else float(value) for value in sheet.columns["deflection [m]"]]

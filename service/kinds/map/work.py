@@ -13,7 +13,7 @@ from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_of
 from jointstiff.service.conversion.robots import kinds_of, refuse_far_point, refuse_other_angles
-from jointstiff.service.kinds.work import Arrays, Span, Work, cut_into_spans, joined
+from jointstiff.service.kinds.work import Arrays, Span, Work, concatenate_steps, cut_into_spans
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import (
     RunModel,
@@ -41,13 +41,13 @@ from jointstiff.solver.predict.answers import (
 POSES_A_STEP: Final = 10_000
 """Postures (places times orientations) in a step, which takes a quarter of a second."""
 _ELASTIC: Final = 5
-"""Cost of a posture with elastic links, in time and memory, relative to one with elastic joints alone."""
+"""Factor of time and memory for a posture if links are elastic, relative to elastic joints alone."""
 _LEAST_LENGTH: Final = 1e-9
 """Length below which a direction counts as the zero vector."""
 
 
 class MapWork(Work):
-    """The work of a map; its units are places. A map of a single block is done at once."""
+    """Work of a map, whose units are places; a map of a single block of places has no steps."""
 
     unit = "places"
     activity = "mapping"
@@ -62,7 +62,7 @@ class MapWork(Work):
         self.robot, self.request = robot, request
         options = request.model_dump_json(exclude={"run_id", "name"})
         self.input_hash = hash_of(run.provenance.input_hash, options)
-        self._used = RunModel.from_run(robot, run, absolute=request.absolute)
+        self._run_model = RunModel.from_run(robot, run, absolute=request.absolute)
         self._task, self.places = make_map_task(request, robot), make_grid(request)
         try:
             self._inverse = InverseKinematics(robot, self._task.near)
@@ -70,26 +70,28 @@ class MapWork(Work):
             raise RequestError(error.reason, where="run_id", remedy=error.remedy) from error
 
     def steps(self) -> tuple[Span, ...]:
-        """Return the blocks of places as steps; none if one block has all places."""
+        """Return a step for each block of places; no steps if one block has all places."""
         blocks = self._blocks()
         return blocks if len(blocks) > 1 else ()
 
     def compute(self, span: Span) -> Arrays:
-        """Compute posture, deflection and compliance at the places of a step; return the columns by name.
+        """Return columns by name: posture, deflection and compliance at each place of a step.
 
         Raises:
             JointstiffError: the springs have no stable equilibrium under the load.
         """
         places = self.places[slice(*span)]
-        return vars(map_places(self._used.model, self._used.error, self._task, self._inverse, places))
+        return vars(
+            map_places(self._run_model.model, self._run_model.error, self._task, self._inverse, places)
+        )
 
     def conclude(self, parts: Sequence[Arrays]) -> MapResult:
         """Return the summary of the map, from the columns of all steps.
 
         Raises:
-            JointstiffError: as `compute` does.
+            JointstiffError: the springs have no stable equilibrium under the load.
         """
-        table, used = DeflectionMap(**joined(parts)) if parts else self.table, self._used
+        table, used = DeflectionMap(**concatenate_steps(parts)) if parts else self.table, self._run_model
         tool = self._task.rotation @ _unit_vector(self.request.tool_axis, "tool_axis")
         numbers = map_numbers(table, self.places, tool)
         return MapResult(
@@ -101,10 +103,10 @@ class MapWork(Work):
         )
 
     def _reasons(self, numbers: Mapping[str, Any]) -> list[Finding]:
-        """Return the reasons against use of the map, in addition to the reasons against its run."""
+        """Return the reasons not to use the map, or to use it with care, besides the reasons of its run."""
         counts, places, worst = numbers["counts"], numbers["places"], numbers["worst"]
         return [
-            *find_implausible_deflection(None if worst is None else worst.deflection, self._used.result),
+            *find_implausible_deflection(None if worst is None else worst.deflection, self._run_model.result),
             *find_missing_numbers(
                 places - counts["reached"], places, "places", unseen=counts["unseen_joint"] > 0
             ),
@@ -114,20 +116,21 @@ class MapWork(Work):
 
     @cached_property
     def table(self) -> DeflectionMap:
-        """Table of all places, with the same numbers whenever it is computed, because a run never changes."""
-        return DeflectionMap(**joined(map(self.compute, self._blocks())))
+        """Table of all places; every computation gives the same numbers, because a run never changes."""
+        return DeflectionMap(**concatenate_steps(map(self.compute, self._blocks())))
 
     def sheet(self) -> Sheet:
-        """Return the table of all places for files, units in headers; NaN where a place has no answer."""
+        """Return the sheet of all places, for files: units in headers, NaN for a place without posture."""
         table, request = self.table, self.request
+        # Orientations are numbered direction by direction, with `turns` orientations each.
         direction, turn = np.divmod(table.orientation, request.turns)
-        posed = ~np.isnan(table.joints[:, 0])
+        has_posture = ~np.isnan(table.joints[:, 0])
         columns = {"status": np.array(STATUSES)[table.status]}
         columns |= {f"{axis} [m]": self.places[:, i] for i, axis in enumerate("xyz")}
-        columns["direction"] = np.where(posed, direction, np.nan)
-        columns["turn"] = np.where(posed, turn, np.nan)
+        columns["direction"] = np.where(has_posture, direction, np.nan)
+        columns["turn"] = np.where(has_posture, turn, np.nan)
         for j, (name, kind) in enumerate(zip(self.robot.joint_names, self.robot.joint_kinds, strict=True)):
-            # a prismatic joint may be called x, as a column of the place is
+            # The name of a prismatic joint may be "x", which is also the name of a column of the place.
             header = f"joint {name} [m]" if kind == "prismatic" else f"{name} [rad]"
             columns[header] = table.joints[:, j]
         columns |= {f"d{axis} [m]": table.displacement[:, i] for i, axis in enumerate("xyz")}
@@ -144,8 +147,8 @@ class MapWork(Work):
         return Sheet(columns, texts=frozenset({"status"}), digits=".10g")
 
     def _blocks(self) -> tuple[Span, ...]:
-        """Return the places, cut into spans of as many as take a quarter of a second."""
-        poses = POSES_A_STEP // _ELASTIC if self._used.model.first_order else POSES_A_STEP
+        """Cut the places into spans that each take about a quarter of a second, and return the spans."""
+        poses = POSES_A_STEP // _ELASTIC if self._run_model.model.first_order else POSES_A_STEP
         size = max(1, poses // len(self._task.rotation))
         return cut_into_spans(len(self.places), size)
 
@@ -169,9 +172,9 @@ def make_grid(request: MapOptions) -> FloatArray:
     least, greatest = (np.array(corner) for corner in request.area)
     if (least > greatest).any():
         raise RequestError(
-            "the first corner of the box exceeds the second",
+            "a coordinate of the first corner is greater than that of the second corner",
             where="area",
-            remedy="give the least corner first",
+            remedy="give the corner with the smaller x, y and z first",
         )
     places = int(np.prod(request.grid))
     poses = places * len(request.directions) * request.turns
@@ -193,7 +196,7 @@ def make_grid(request: MapOptions) -> FloatArray:
 
 
 def make_map_task(request: MapOptions, robot: Robot) -> MapTask:
-    """Return the task that is solved at each place: tool orientations, load, direction, limits, posture.
+    """Return the task to solve at each place: tool orientations, load, direction, joint limits, posture.
 
     Raises:
         RequestError: a direction has no length, the load is missing, limits or angles do not fit the robot's
@@ -214,9 +217,9 @@ def make_map_task(request: MapOptions, robot: Robot) -> MapTask:
     for name, (least, greatest) in request.limits.items():
         if least > greatest:
             raise RequestError(
-                "the least angle exceeds the greatest",
+                "the lower limit of the joint is greater than the upper limit",
                 where=f"limits.{name}",
-                remedy="give the least angle first",
+                remedy="give the lower limit first",
             )
         limits[robot.joint_index(name, f"limits.{name}")] = least, greatest
     if request.near is not None:
@@ -243,7 +246,11 @@ def make_map_task(request: MapOptions, robot: Robot) -> MapTask:
 
 
 def _unit_vector(vector: Sequence[float], where: str) -> FloatArray:
-    """Return a vector divided by its length; refuse the zero vector, which the request has at `where`."""
+    """Return a vector (3,) divided by its length.
+
+    Raises:
+        RequestError: the vector, the request's field `where`, is zero.
+    """
     array = np.array(vector, dtype=np.float64)
     length = float(np.linalg.norm(array))
     if length < _LEAST_LENGTH:

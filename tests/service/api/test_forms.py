@@ -52,7 +52,8 @@ def run(local):
         (
             [SOURCE],
             {"tools": []},
-            "422 invalid-request | tools | the program names 'TOOL_DATA[1]', but has no numbers for it | "
+            "422 invalid-request | tools | the program uses the frame 'TOOL_DATA[1]', but does not "
+            "define its numbers | "
             "give the numbers: {'name': 'TOOL_DATA[1]', 'values': [...]}",
         ),
         (

@@ -29,7 +29,7 @@ def test_a_geometry_is_shown_with_its_uncertainty_and_written_as_a_robot():
         "│ P11 │ 99.9997(34) │ -99.9980(36) │ 119.9929(67) │",
         "│ axes │ 1138.902(17) │ 200.849(25) │ 1969.009(17) │ 0.43 │",
         "│ combined │ 1138.905(17) │ 200.850(26) │ 1969.007(17) │ │",
-        "axes and sphere are 5.3 µm apart (by chance: 0.6)",
+        "axes and sphere are 5.3 µm apart (p-value 0.6)",
         "the last three axes miss each other by 6.4 ± 5.1 µm: the decoupled method applies",
         "│ a │ joint_2 │ 1120.000 │ 1120.020 │ 0.0197(87) │",
         "│ alpha │ joint_4 │ -90.0000° │ -89.9977° │ 0.040(26) │",

@@ -231,7 +231,7 @@ def test_two_campaigns_are_compared_joint_by_joint():
     assert_said(
         typed("compare pull.json soft.json --details"),
         "First: pull.json. Second: soft.json. Use this comparison with care: 1 reason of its own",
-        "no configuration was measured on both sides, so the avoided deflection is a prediction alone",
+        "no configuration was measured on both sides, so the avoided deflection is predicted, not measured",
         "│ joint_1 │ 3.821(45) │ 3.818(46) │ 0.999 │ 0.986 … 1.013 │ 0.92 │",
         "│ joint_3 │ 2.485(44) │ 1.991(34) │ 0.801 │ 0.783 … 0.820 │ < 0.0001 │",
         "│ joint_4 │ 0.443(38) │ 0.433(19) │ 0.98 │ 0.82 … 1.15 │ 0.78 │",

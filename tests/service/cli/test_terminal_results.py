@@ -233,15 +233,16 @@ def test_a_plan_says_what_it_adds_and_is_a_campaign_to_fill_in():
         "│ joint_1 │ 0.45 % │ 0.47 % │",
         "│ joint_4 │ 2.3 % │ 7.9 % │",
         "│ joint_6 │ 5.1 % │ 7.7 % │",
-        "by the noise of the readings alone; model error comes on top",
+        "from the noise of the readings alone; model error is not included",
         "p1 -150.0 -4.0 48.0 -10.0 95.0 -15.0 1500",
         "v2 -22.0 69.0 37.0 44.0 -73.0 68.0 1500",
-        "v…: held out, to judge the model. Targets: P10, P11, P12. Load point in the flange frame: -60, "
+        "v…: readings to validate the model, not to fit it. Targets: P10, P11, P12. Load point in the "
+        "flange frame: -60, "
         "20, 180 mm",
         "certified: at least 100.0 % of the best list's information (relative uncertainty of the joints)",
         "200 of 200 readings were feasible",
-        "the list has only the new readings, but the predicted uncertainties also use those of the "
-        "campaign so far: identify both together, as in the campaign to fill in",
+        "the list has only the new readings, but the predicted uncertainties also use the readings "
+        "of the campaign so far: identify old and new readings together",
         "│ Distinct angle │ 10° │",
         "wrote filled.json",
     )

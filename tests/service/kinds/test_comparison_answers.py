@@ -196,22 +196,23 @@ class TestTwoCampaigns:
 
         three = [posted(campaign(seed=seed))["id"] for seed in (4, 5)]
         assert told(compared(*three)) == (
-            "422 | run_ids | the runs are of 3 measurement sets | compare runs of one set or of two; the "
-            "robot's trend shows all its sets"
+            "422 | run_ids | the runs belong to 3 measurement sets, but at most two sets can be compared | "
+            "give runs of one set or of two; the trend of the robot shows all sets"
         )
         read = campaign(configurations=8, seed=7)
         priors = {"joint_2": {"stiffness": 3e6, "standard_uncertainty": 3e5}}
         with_priors = posted(read, priors=priors)["id"]
         assert told(compared(with_priors)) == (
-            f"422 | run_ids | the run '{with_priors}' is with priors: both sets may share its errors, so "
-            "that they are not independent | identify the measurement set by loads without `priors`, and "
-            "give the new run"
+            f"422 | run_ids | the run '{with_priors}' uses priors, whose errors may be common to both sets, "
+            "but the sets must be independent | identify the measurement set under external loads and "
+            "without `priors`, and give the new run"
         )
         bent = {"elasticity": "coupled_joints", "link_penalty": 0.1, "loss": "squared"}
         coupled = posted(read, **bent, cross_validation={"folds": 2})["id"]
         assert told(compared(coupled)) == (
-            f"422 | run_ids | two sides are compared by their joints only, but the run '{coupled}' has "
-            "elasticity coupled_joints | identify the measurement set with elasticity `joints`, and give the "
+            f"422 | run_ids | a comparison of two sides needs runs with elastic joints only, but the run "
+            f"'{coupled}' has elasticity coupled_joints | identify the measurement set with elasticity "
+            f"`joints`, and give the "
             "new run"
         )
 

@@ -244,15 +244,16 @@ def test_a_cause_that_the_readings_cannot_show_is_refused(options, said):
             (
                 "plan.leave_out",
                 "a plan that begins a campaign has no observations to leave out",
-                "omit `leave_out`, or go on with a measured campaign",
+                "omit `leave_out`, or continue a measured campaign",
             ),
         ),
         (
             {"causes": [{"name": "play"}]},
             (
                 "plan.causes",
-                "`causes` need a measured campaign under loads, and this plan continues none",
-                "omit `causes`, or go on with a measured campaign under loads",
+                "`causes` can be fitted only to a campaign under loads, but this plan continues no such "
+                "campaign",
+                "omit `causes`, or continue a campaign that was measured under loads",
             ),
         ),
     ],

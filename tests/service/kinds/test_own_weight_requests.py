@@ -184,8 +184,9 @@ class TestWhatOwnWeightDoesNotKnow:
             return local.request("POST", "/v1/plans", json=asked | changes)
 
         assert told(plan()) == (
-            "422 | load | the robot has no masses, or no stiffness of a joint is known | state `bodies` "
-            "of the robot, and a guess of the joints' `stiffness`"
+            "422 | load | a plan for own weight needs the masses of the robot and the stiffness of at "
+            "least one "
+            "joint | state `bodies` of the robot, and a guess of the joints' `stiffness`"
         )
         area = [[1.0, 0.0, 1.0], [2.0, 1.0, 2.0]]
         assert told(plan(stiffness={"joint_2": 3e6}, work_area=area)) == (
@@ -195,7 +196,7 @@ class TestWhatOwnWeightDoesNotKnow:
         )
         assert told(plan(**guess, load=on_a_wall | {"estimate_gravity": True})) == (
             "422 | load | a plan for own weight supports neither balancers nor an estimate of gravity | "
-            "state `gravity`; choose postures by hand for a robot with balancers"
+            "state `gravity` instead; for a robot with balancers, choose the postures by hand"
         )
         left_out = [plan(**guess, **load).json()["result"]["left_out"] for load in ({"load": on_a_wall}, {})]
         assert left_out == [[], ["joint_1"]]

@@ -20,7 +20,7 @@ from jointstiff.service.kinds.program import path as program_path
 from jointstiff.service.kinds.program.work import ProgramWork
 from jointstiff.service.kinds.run import kind as run_module
 from jointstiff.service.kinds.run.kind import RUN
-from jointstiff.service.kinds.work import carry_out, new_job, pack
+from jointstiff.service.kinds.work import carry_out, new_job, pack_arrays
 from jointstiff.service.problems import TooManyJobsError
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.reports.job import job_parts
@@ -237,7 +237,7 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(memory, se
     work = worker.work(record.id)
     steps = work.steps()
     assert [start for start, _ in steps[1:]] == [stop for _, stop in steps[:-1]]
-    computed = {span: pack(work.compute(span)) for span in reversed(steps)}
+    computed = {span: pack_arrays(work.compute(span)) for span in reversed(steps)}
     worker.conclude(record.id, [computed[span] for span in steps])
     durable = jobs.current(record.id)
     told = []
@@ -272,7 +272,7 @@ def test_automatic_takes_the_simplest_model_that_is_good_enough(memory, set_id):
     record = worker.create(RunRequest.model_validate({"measurement_set_id": set_id} | options), None)
     jobs.mark_running(record.id)
     work = jobs.work(record.id)
-    jobs.conclude(record.id, [pack(work.compute(span)) for span in work.steps()])
+    jobs.conclude(record.id, [pack_arrays(work.compute(span)) for span in work.steps()])
     listed = jobs.current(record.id)
     bends = listed.result
     assert listed.elasticity == bends.choice.elasticity != "automatic"  # it is listed by what bends
@@ -519,7 +519,7 @@ def test_steps_in_any_order_make_the_run_that_one_process_makes(store, runs, enq
     run = runs.create(run_request(set_id), None)
     work = runs.work(run.id)
     spans = [(0, 1), (1, 170), (170, 300)]
-    computed = {span: pack(work.compute(span)) for span in reversed(spans)}
+    computed = {span: pack_arrays(work.compute(span)) for span in reversed(spans)}
     for _ in range(2):  # as two workers may
         runs.mark_running(run.id)
     for span in [*reversed(spans), spans[1]]:  # one of them twice, as workers may
@@ -539,7 +539,7 @@ def test_a_run_ends_once(store, runs):
     cancelled = runs.cancel(run.id)
     assert (cancelled.state, cancelled.progress.done) == ("cancelled", 120)
     work = runs.work(run.id)
-    runs.conclude(run.id, [pack(work.compute((0, 300)))])
+    runs.conclude(run.id, [pack_arrays(work.compute((0, 300)))])
     runs.fail(run.id, RuntimeError("late"))
     assert runs.current(run.id) == cancelled
     assert runs.cancel(run.id) == cancelled

@@ -371,7 +371,7 @@ def test_a_program_for_kilonewtons_is_refused_with_all_its_reasons(run):
         ABSURD["program, kN for N"](run, None)
     problem = refused.value.problem
     assert (problem.type, problem.where) == ("urn:jointstiff:problem:not-to-be-used", "max_displacement")
-    assert problem.detail == "the verdict on a program whose corrections are held back is: do not use"
+    assert problem.detail == "the verdict on a program whose corrections exceed the limits is: do not use"
     assert [each.reason for each in problem.errors] == [
         "the greatest deflection is 710.9 mm, 138 times the greatest of the campaign",
         "4 of 4 points have loads or postures beyond those of the campaign",

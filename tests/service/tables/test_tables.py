@@ -20,8 +20,8 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Campaign, JointResult
 from jointstiff.service.cli.app import app
 from jointstiff.service.cli.options import Units
-from jointstiff.service.kinds.comparison.kind import _by_interval
-from jointstiff.service.kinds.comparison.kind import _interval as interval_text
+from jointstiff.service.kinds.comparison.kind import _interval_text as interval_text
+from jointstiff.service.kinds.comparison.kind import _ratio_text
 from jointstiff.service.kinds.run.kind import RUN
 from jointstiff.service.reports.exports import explain_missing_stiffness
 from jointstiff.service.reports.job import lay_out_job
@@ -143,14 +143,14 @@ def test_a_ratio_has_two_digits_of_half_its_interval(half):
     ratio = 12.3456789
     joint = JointRatio(name="a", ratio=ratio, ratio_interval=(ratio - half, ratio + half))
     for text, value in (
-        (_by_interval(ratio, joint), ratio),
+        (_ratio_text(ratio, joint), ratio),
         (interval_text(joint).split(" … ")[1], ratio + half),
     ):
         last = 10.0 ** -len(text.partition(".")[2])
         assert 0.01 * half < last <= 0.1 * half
         assert abs(float(text) - value) <= 0.5001 * last
     open_above = JointRatio(name="a", ratio=ratio, ratio_interval=(ratio, None))
-    assert _by_interval(ratio, open_above) == "12.3"
+    assert _ratio_text(ratio, open_above) == "12.3"
     assert interval_text(open_above).endswith("no limit")
 
 
