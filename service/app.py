@@ -80,7 +80,7 @@ def create_app(
     demands_keys = posture.access == "keys"
     keyring = keyring or Keyring(store)
     app.state.watch = watch = Watch(store, keyring if demands_keys else None)
-    app.state.gate = gate = Gate(store, keyring, watch.latest, posture.access)
+    app.state.gate = gate = Gate(store, keyring, watch.require_recent_check, posture.access)
     app.state.access = posture.access
     app.state.laboratory = laboratory or LaboratorySettings()
     app.state.parts = Parts(store, enqueue)

@@ -153,7 +153,7 @@ def _configuration(app: ASGIApp, log_format: LogFormat) -> uvicorn.Config:
 
 def _gauge_values(app: FastAPI, server: uvicorn.Server) -> dict[str, float]:
     """Return the values of the gauges in the metrics by name, as the last check of the store found them."""
-    seen = app.state.watch.seen
+    seen = app.state.watch.last_check
     state: dict[str, float] = {
         "database_up": seen is not None and seen.error is None,
         "failing_workers": app.state.failing_workers(),
