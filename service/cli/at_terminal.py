@@ -38,7 +38,10 @@ class AtTerminal(Person):
             return True
         answer = _choose_answer("are the lines read correctly? y or n", {"y", "n"}, at_end="")
         if not answer:
-            raise cli.print_failure("nobody confirmed how the lines are read", "answer y if the lines are read correctly, or use --yes")
+            raise cli.print_failure(
+                "nobody confirmed how the lines are read",
+                "answer y if the lines are read correctly, or use --yes",
+            )
         return answer == "y"
 
     def on_reading(self, state: LiveState, reading: LiveReading) -> None:
@@ -73,7 +76,8 @@ class AtTerminal(Person):
             return super().doubts(reading, again=again)
         return (
             "again"
-            if _choose_answer("  r: read this posture again; k: keep the reading", {"r", "k"}, at_end="k") == "r"
+            if _choose_answer("  r: read this posture again; k: keep the reading", {"r", "k"}, at_end="k")
+            == "r"
             else "keep"
         )
 

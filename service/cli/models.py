@@ -117,13 +117,13 @@ def robots(
     if as_json:
         typer.echo((arm or catalogue()).model_dump_json(indent=2))
     else:
-        console().print(printed(_arm_list_parts(catalogue()) if arm is None else _arm_parts(arm)))
+        console().print(printed(_make_arm_list(catalogue()) if arm is None else _describe_arm(arm)))
     if output is not None and arm is not None:
         cli.refuse_existing(output, overwrite=overwrite)
         cli.write_text(output, nominal_robot(arm).model_dump_json(indent=1, exclude_none=True))
 
 
-def _arm_list_parts(catalogue: Catalogue) -> list[Part]:
+def _make_arm_list(catalogue: Catalogue) -> list[Part]:
     """Return a table of the arms with reach and preset of the joint map, and a line on how to use one."""
     from jointstiff.service.tables.table import Column, Line, Table, number
 
@@ -141,7 +141,7 @@ def _arm_list_parts(catalogue: Catalogue) -> list[Part]:
     return [table, Line('Use an arm by its name, such as --robot "KUKA KR 210 R2700".')]
 
 
-def _arm_parts(arm: Arm) -> list[Part]:
+def _describe_arm(arm: Arm) -> list[Part]:
     """Return the description of an arm: title, Denavit-Hartenberg table, joint map, reach and sources."""
     from jointstiff.service.tables.table import Column, Line, Table
 

@@ -60,7 +60,7 @@ def test_a_simulated_campaign_states_its_true_stiffnesses_and_is_not_written_ove
     assert third["force"] == pytest.approx([-688.51, 284.22, 505.15], rel=1e-4)
     assert third["readings"][0]["unloaded"] == pytest.approx([2.1719, -1.1659, 2.0895], abs=1e-4)
     assert third["readings"][0]["loaded"] == pytest.approx([2.1707, -1.1655, 2.092], abs=1e-4)
-    assert refused("simulate new.json") == "new.json exists remedy: choose another name, or --overwrite"
+    assert refused("simulate new.json") == "new.json exists remedy: choose another name, or use --overwrite"
     said = refused("simulate nowhere/x.json")
     assert said == "cannot write nowhere/x.json: No such file or directory remedy: choose another path"
 

@@ -31,7 +31,8 @@ def test_a_goal_takes_five_readings_and_one_that_is_held_out():
         "m01: joint_6 ± 234 %, about 5 more",
         "m02: share of the goal 1.18, joint_6 ± 35 %, as expected with p 0.03, about 9 more",
         "m03: share of the goal 0.75, joint_6 ± 22 %, as expected with p 0.89, about 3 more",
-        "the measurement continues: 3 readings: the goal needs 5 readings and then a held-out one; about 3 more",
+        "the measurement continues: 3 readings: the goal needs 5 readings and then a held-out one; "
+        "about 3 more",
         "m05: share of the goal 0.54, joint_6 ± 16 %, as expected with p 0.82, about 1 more",
         "the measurement continues: the goal is met; one held-out reading checks it",
         "m06: share of the goal 0.49, joint_6 ± 15 %, as expected with p 0.97, held out: as near to its "
@@ -143,7 +144,7 @@ def test_posture_and_force_are_shown_before_they_are_asked_for(force, anchor, sa
         (
             "unloaded",
             f"\nm01: a 28.65°, b 200.0 mm\n  {said}; first\n  Enter: read without load; s: skip this "
-            "posture; q ends: ",
+            "posture; q: end: ",
         ),
         (
             "loaded",
