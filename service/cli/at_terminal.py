@@ -45,7 +45,7 @@ class AtTerminal(Person):
         return answer == "y"
 
     def on_reading(self, state: LiveState, reading: LiveReading) -> None:
-        """Print a reading in one line; why the measurement continues; and, if doubtful, the possible causes."""
+        """Print a reading in one line, why the measurement continues, and what may be wrong with the reading."""
         cli.warn(format_reading(state, reading))
         if state.state == "measuring" and state.share is not None and state.share <= 1.0:
             cli.warn(f"  the measurement continues: {state.message}")
@@ -55,7 +55,7 @@ class AtTerminal(Person):
                 cli.warn(f"  {cause}")
 
     def ready(self, following: PlannedReading, *, loaded: bool) -> Literal["read", "skip", "stop"]:
-        """Print posture and force and wait for the person; return whether to read, skip the posture or stop."""
+        """Print posture and force, wait for the person, and return whether to read, skip or stop."""
         if not self._asks or self._by_itself:
             return "read"
         if loaded:

@@ -243,7 +243,7 @@ def _merge_options(options: Options, others: Options) -> Options:
 
 
 def _convert_to_template_unit(stated: Options, template: Options) -> Options:
-    """Return the options `stated`, whose lengths are typed in mm, in the length unit of a template (mm or m)."""
+    """Return the options `stated` with their lengths, typed in mm, in the length unit of a template."""
     lengths = {name: value for name, value in stated.items() if name in _LENGTH_FIELDS}
     if not lengths:
         return stated
@@ -324,7 +324,7 @@ def _name_options(text: str) -> str:
 
 
 def _read_sources(files: Sequence[Path]) -> list[SourceFile]:
-    """Read the files, in total at most one byte more than an import accepts, so that it refuses longer files."""
+    """Read the files, in total at most one byte more than an import accepts, which suffices to refuse them."""
     from jointstiff.service.importing.grid import MAX_FILE_BYTES
     from jointstiff.service.importing.reading import SourceFile
 

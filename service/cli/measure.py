@@ -258,7 +258,7 @@ def _measure_and_print(campaign: LiveMeasurement, values: dict[str, Any], *, ask
 
 
 def _make_json_document(campaign: LiveMeasurement, stopped: Any) -> dict[str, Any]:  # noqa: ANN401 - an error or None
-    """Return the JSON document that `--json` prints: outcome, readings of the readings, and run."""
+    """Return the JSON document that `--json` prints: outcome, record of the readings, and run."""
     state, run = campaign.outcome, campaign.close()
     fields = state.model_dump(mode="json", exclude={"revision", "still_needed", "next", "warnings"})
     readings = fields.pop("readings")

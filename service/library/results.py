@@ -66,7 +66,7 @@ class Door(verb.Door, Protocol):
         forces: Numbers | None = None,
         **options: Unpack[PredictFields],
     ) -> Prediction:
-        """Predict deflections by a run or a campaign; arguments as of `jointstiff.predict`."""
+        """Predict deflections with the model of a run or a campaign; arguments as of `jointstiff.predict`."""
 
     def apply(self, run: TabledRun, action: str) -> TabledRun:
         """Apply an action that a reason of a run advises; return the run of the changed campaign."""
@@ -81,7 +81,7 @@ class Presented(ABC):
 
     @abstractmethod
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
-        """Return a function that makes each table, by the table's name; the main table is first."""
+        """Return, by the name of each table, a function that makes the table; the main table is first."""
 
     @abstractmethod
     def _draw_figure(self) -> Figure:
@@ -89,6 +89,7 @@ class Presented(ABC):
 
     @property
     def _message(self) -> Message:
+        """This object as a message: every subclass is also a message."""
         return cast("Message", self)
 
     def __repr__(self) -> str:
@@ -133,7 +134,7 @@ class Presented(ABC):
         return frame_of(self._sheet(name))
 
     def plot(self) -> Figure:
-        """Draw the result by matplotlib; notebooks display the figure, and `.savefig(path)` writes it.
+        """Draw the result with matplotlib; notebooks display the figure, and `.savefig(path)` writes it.
 
         Raises:
             MissingExtraError: matplotlib is not installed.
@@ -186,10 +187,10 @@ class Presented(ABC):
 class PresentedJob(Presented):
     """Base class of jobs with tables, plots, files and reports; combined with a kind's message."""
 
-    _origin: Any  # client or process that did the job; None if not known
+    _origin: Any  # client or process that did the job; None if it is not known
 
     def __eq__(self, other: object) -> bool:
-        """Return whether another job has the same kind and fields, also if it is a plain message."""
+        """Return whether another job, of this class or a plain message, has the same kind and fields."""
         return isinstance(other, Job) and other.kind == self._job.kind and dict(self._job) == dict(other)
 
     def __hash__(self) -> int:
@@ -206,19 +207,23 @@ class PresentedJob(Presented):
         return f"<{kind_of(job.kind).message.__name__} {job.id[:8]}, {job.state}: {self._first_line()}>"
 
     def _parts(self) -> Sequence[Part]:
+        """Return the lines and tables of the report of the job."""
         from jointstiff.service.reports.job import job_parts
 
         return job_parts(kind_of(self._job.kind), self._job)
 
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
+        """Return a function that makes each table, by its name: the name of its file without the ending."""
+        # If several files have the same name, such as a CSV and a JSON file, the first one is used.
         files = {file.name.partition(".")[0]: file for file in reversed(kind_of(self._job.kind).files)}
         return {name: partial(self._make_sheet, file) for name, file in reversed(files.items())}
 
     def _make_sheet(self, file: File) -> Sheet:
-        """Return the table of a file of this job, made by the job's origin if that is known.
+        """Return the table of a file of this job; the client or process that did the job makes it, if known.
 
         Raises:
-            ValueError: the job has no result, or only its origin, which is not known, can make the table.
+            ValueError: the job has no result; or the table must be computed again by the client or process
+                that did the job, which is not known.
         """
         job = self._job
         if job.result is None:
@@ -351,7 +356,7 @@ class TabledRun(PresentedJob, Run):
         forces: Numbers | None = None,
         **options: Unpack[PredictFields],
     ) -> Prediction:
-        """Predict deflections by this run; arguments as of `jointstiff.predict`."""
+        """Predict deflections with the model of this run; arguments as of `jointstiff.predict`."""
         return self._require_origin().predict(self, postures, forces, **options)
 
     @property
@@ -416,6 +421,7 @@ class TabledRun(PresentedJob, Run):
         Path(path).write_bytes(self._require_origin().file(self, f"model.{suffix}", query))
 
     def _save_other(self, path: Path, suffix: str) -> None:
+        """Write a model file for simulators, or a file that every kind of job has."""
         if suffix in _MODELS - {"csv", "xlsx"}:
             self.export(path)
         else:
@@ -444,7 +450,7 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
 
     @property
     def intervals(self) -> FloatArray:
-        """Ends (N, 3, 2) of the displacements' intervals without model error [m]; NaN where unknown."""
+        """Lower and upper ends (N, 3, 2) of the displacements' intervals without model error [m]; NaN if unknown."""
         import numpy as np
 
         known = [case.readings_only for case in self.cases]
@@ -475,7 +481,7 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
 
 
 class RobotTrend(Presented, Trend):
-    """Stiffness of a robot's joints over its campaigns; shown as a table of changes, and plots."""
+    """Stiffness of a robot's joints over its campaigns; change_text as a table of changes, and plots."""
 
     def _parts(self) -> Sequence[Part]:
         """Return a line with the number of changed joints, remarks, and a table of the changes [%]."""
@@ -485,13 +491,13 @@ class RobotTrend(Presented, Trend):
         )
         rows = []
         for joint in self.joints:
-            shown = NO_NUMBER
+            change_text = NO_NUMBER
             if (change := joint.change) is not None:
                 u = change.standard_uncertainty
-                known = "" if u is None else f" ± {figure(100 * u, '.2g')}"
-                shown = f"{figure(100 * change.value, '.2g')}{known} %"
+                u_text = "" if u is None else f" ± {figure(100 * u, '.2g')}"
+                change_text = f"{figure(100 * change.value, '.2g')}{u_text} %"
             p_value = NO_NUMBER if joint.p_value is None else figure(joint.p_value, ".2g")
-            rows.append([joint.name, "changed" if joint.changed else "", shown, p_value])
+            rows.append([joint.name, "changed" if joint.changed else "", change_text, p_value])
         lines = [
             Line(head),
             *map(Line, self._describe_other_pairs()),
@@ -500,17 +506,17 @@ class RobotTrend(Presented, Trend):
         return [*lines, text_table(["joint", "", "change, ± u", "p-value"], rows, texts=[0, 1])]
 
     def _describe_other_pairs(self) -> Iterator[str]:
-        """Yield a sentence for each joint whose test does not compare the first and the latest campaign."""
-        whens = self._campaign_dates()
+        """Yield a sentence for each joint whose test compares other campaigns than the first and the latest."""
+        dates = self._campaign_dates()
         for joint in self.joints:
             compared = [i for i, point in enumerate(joint.points) if point.reason is None]
-            if joint.change is None or (compared[0] == 0 and compared[-1] == len(whens) - 1):
+            if joint.change is None or (compared[0] == 0 and compared[-1] == len(dates) - 1):
                 continue
-            first, latest = (f"'{self.campaigns[i].name}' ({whens[i]})" for i in (compared[0], compared[-1]))
-            yield f"{joint.name}: compared from {first} to {latest}, as others give no number to compare"
+            first, latest = (f"'{self.campaigns[i].name}' ({dates[i]})" for i in (compared[0], compared[-1]))
+            yield f"{joint.name}: compared from {first} to {latest}, because the other campaigns give no number to compare"
 
     def _campaign_dates(self) -> list[str]:
-        """Return unique labels of the campaigns' times: days, else minutes, else numbered minutes."""
+        """Return a date for each campaign; if two dates are equal, with the time; if still equal, with a number."""
         times = [campaign.at for campaign in self.campaigns]
         days, minutes = ([f"{at:{form}}" for at in times] for form in ("%Y-%m-%d", "%Y-%m-%d %H:%M"))
         if len(set(days)) == len(times):
@@ -557,7 +563,7 @@ class RobotTrend(Presented, Trend):
 
 @cache
 def presented_class(kind: Kind[AnyJob, Any]) -> type[AnyJob]:
-    """Return the message class of a kind of job, combined with `PresentedJob`; made once for each kind."""
+    """Return the class of a kind's jobs with tables, plots and files; it is made once for each kind."""
     if kind.message is Run:
         return cast("type[AnyJob]", TabledRun)
     bases: Any = (PresentedJob, kind.message)
@@ -567,7 +573,7 @@ def presented_class(kind: Kind[AnyJob, Any]) -> type[AnyJob]:
 
 
 def attach_origin(job: AnyJob, origin: Door) -> AnyJob:
-    """Return a job as a presented class that knows its origin: the client or process that did the job."""
+    """Return a job as an object with tables, plots and files; `origin` is the client or process that did it."""
     known = presented_class(kind_of(job.kind)).model_validate(dict(job))
     cast("Any", known)._origin = origin
     return cast("AnyJob", known)

@@ -8,7 +8,7 @@ from jointstiff.schemas.options import METHODS_IN_SHORT
 from jointstiff.service.cli.app import app
 from jointstiff.service.cli.imports import _split_header, _with_split_header
 from jointstiff.service.cli.kinds import _word_parser
-from jointstiff.service.cli.options import _unit_of
+from jointstiff.service.cli.options import _parse_unit
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -73,4 +73,4 @@ def test_units_are_shown_as_they_are_spelt(command):
 
 
 def test_a_unit_is_understood_in_any_case():
-    assert _unit_of("mnm/RAD") == "MNm/rad"
+    assert _parse_unit("mnm/RAD") == "MNm/rad"
