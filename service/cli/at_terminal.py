@@ -45,7 +45,7 @@ class AtTerminal(Person):
         return answer == "y"
 
     def on_reading(self, state: LiveState, reading: LiveReading) -> None:
-        """Print a reading in one line, why the measurement continues, and what may be wrong with the reading."""
+        """Print a reading in one line, why the measurement continues, and why the reading is doubtful."""
         cli.warn(format_reading(state, reading))
         if state.state == "measuring" and state.share is not None and state.share <= 1.0:
             cli.warn(f"  the measurement continues: {state.message}")

@@ -324,7 +324,7 @@ def _name_options(text: str) -> str:
 
 
 def _read_sources(files: Sequence[Path]) -> list[SourceFile]:
-    """Read the files, in total at most one byte more than an import accepts, which suffices to refuse them."""
+    """Read the files, in total one byte more than an import accepts at most: enough to refuse them."""
     from jointstiff.service.importing.grid import MAX_FILE_BYTES
     from jointstiff.service.importing.reading import SourceFile
 
@@ -429,7 +429,8 @@ def ask_for_missing(answer: ImportAnswer, asked_before: set[str]) -> Options:
 
     Args:
         answer: result of an import, with faults and missing fields.
-        asked_before: names of options that were asked before and are not asked again; new names are added to it.
+        asked_before: names of options that were asked before and are not asked again; this function adds new
+            names.
 
     Returns:
         Fields of the request that the person stated; empty if no question is left.

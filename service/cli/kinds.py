@@ -76,7 +76,7 @@ class ParsedValue:
 
 @dataclass(frozen=True)
 class _FileOptions:
-    """Options of a command that concern files, in addition to the fields of its request; and their effects."""
+    """Options of a command that concern files, in addition to the fields and their effects."""
 
     options: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)  # (annotation, default) by name
     endings: tuple[str, ...] = ()  # allowed endings of the file that `output` names, unless it is a table
@@ -248,8 +248,8 @@ def _convert_to_units_of_file(
         posture = quantity == "angle" and isinstance(value, list | tuple)
         if posture and unit != "deg" and unit in size and len(value) > _JOINTS_OF_ARM:
             raise typer.BadParameter(
-                f"the values of linear axes cannot be converted from deg to {unit}, the unit of angles in the "
-                f"file of options; remedy: state `{name}` in that file, in its units",
+                f"the values of linear axes cannot be converted from deg to {unit}, the unit of angles in "
+                f"the file of options; remedy: state `{name}` in that file, in its units",
                 param_hint=option_flag(message, name),
             )
         if unit in size:
@@ -386,7 +386,7 @@ def gather_stated_fields(message: type[Message], values: _Values, forms: Forms =
 
 
 def _keep_words_of_errors(parse: Callable[[str], Any]) -> Callable[[str], Any]:
-    """Return a parser whose error message is the text of the ValueError; Click would show the input instead."""
+    """Return a parser whose error message is the text of the ValueError; Click would show the input."""
 
     def parsed(text: str) -> Any:  # noqa: ANN401 - JSON
         try:
@@ -400,7 +400,7 @@ def _keep_words_of_errors(parse: Callable[[str], Any]) -> Callable[[str], Any]:
 def _find_option_form(stated: FieldInfo, form: Terminal | None = None) -> Terminal:
     """Return how a field is stated on the command line.
 
-    That is `form` if it is not None, else the form that the field declares, else a form with the field's unit.
+    That is `form` if it is not None, else the form that the field declares, else one with only its unit.
     """
     if form is not None:
         return form
@@ -443,7 +443,7 @@ def _choose_option_type(kind: Any, unit: str) -> tuple[Any, dict[str, Any]] | No
 
 
 def _make_word_parser(words: Sequence[str]) -> Callable[[str], str]:
-    """Return a parser that accepts the words of an API field, also with hyphens, and short names of methods."""
+    """Return a parser that accepts the words of an API field, with hyphens too, and methods' short names."""
 
     def parse(text: str) -> str:
         word = METHODS_IN_SHORT.get(text.upper(), text.replace("-", "_"))

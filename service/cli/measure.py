@@ -143,7 +143,7 @@ _LINE_OPTIONS: Final = ("pattern", "columns", "source_unit", "request", "baud")
 
 
 def build_measure_command() -> Callable[..., None]:
-    """Return the function of the command `measure`, with an option for each field except `_FIELDS_WITHOUT_OPTION`."""
+    """Return the function of the command `measure`, with options for fields of `LiveOptions`."""
     offered = {key: one for key, one in field_options(LiveOptions) if key not in _FIELDS_WITHOUT_OPTION}
     for key, text in _HELP_TEXTS.items():
         offered[key].__metadata__[0].help = text

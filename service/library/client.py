@@ -262,7 +262,7 @@ class Client(Verbs):
         """
         if follow.executor is not None:
             raise TypeError(
-                "a service computes with its own workers: give `executor` to the verbs of `import jointstiff`, "
+                "a service computes with its own workers: give `executor` to the functions of `jointstiff`, "
                 "or start more workers with `jointstiff worker`"
             )
         return self
@@ -286,7 +286,7 @@ class Client(Verbs):
         return run.id
 
     def _replace_foreign_run(self, source: Any) -> Any:  # noqa: ANN401 - a run, or a campaign
-        """Return `source`, or the campaign of a run that this service did not do, with the options of the run."""
+        """Return `source`; for a run that this service did not do, return its campaign and options instead."""
         if not isinstance(source, TabledRun) or source.was_done_by(self):
             return source
         return source.campaign.model_copy(update={"run": options_of(source)})
@@ -394,7 +394,7 @@ class Client(Verbs):
         key: str | None = None,
         files: Mapping[str, bytes] | None = None,
     ) -> httpx2.Response:
-        """Send a request and return the answer; repeat it while a service that answered before does not answer.
+        """Send a request and return the answer; repeat the request while a service that answered is away.
 
         A document, or its JSON text, is sent with the idempotency key, by default a random one. With files,
         the document is sent as the field `options` of a form.
@@ -612,7 +612,7 @@ def _no_answer_problem(address: object, error: Exception) -> Problem:
 
 
 def _replace_unprintable(value: Any) -> Any:  # noqa: ANN401 - any JSON
-    """Return JSON data with U+FFFD for each unprintable character, which could otherwise control a terminal."""
+    """Return JSON data with U+FFFD for each unprintable character, which could control a terminal."""
     if isinstance(value, str):
         return "".join(c if c.isprintable() else "\ufffd" for c in value)
     if isinstance(value, list):
@@ -702,7 +702,7 @@ def _run_in_thread(function: Callable[..., Any], *, stepped: bool) -> Callable[.
     """
 
     async def call(*arguments: Any, **options: Any) -> Any:  # noqa: ANN401 - of the function
-        # Cancelling a task does not stop its thread. The function calls `cancel` often, and stops if it is true.
+        # Cancelling a task does not stop its thread. The function calls `cancel` and stops if it is true.
         ended = threading.Event()
         if stepped:
             options.setdefault("cancel", ended.is_set)

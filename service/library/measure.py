@@ -181,7 +181,7 @@ class _SetInService:
         return self.state()
 
     def close(self) -> tuple[TabledRun, LiveState]:
-        """Close the set in the service and wait for its run; return the run, and the state of the closed set."""
+        """Close the set in the service, wait for its run; return the run, and the state of the closed set."""
         state = self._request_state("POST", "/close", "{}")
         run = self._client.runs.wait(self._client.runs.get(str(state.run_id)))
         return run, state
@@ -328,7 +328,7 @@ class LiveMeasurement:
         return self.state
 
     def withdraw(self, label: str, reason: str) -> LiveState:
-        """Withdraw a reading for a stated reason: the estimate no longer uses it, the record still shows it."""
+        """Withdraw a reading for a stated reason: the estimate ignores it, the record still shows it."""
         return self._send_change({"withdrawn": {label: reason}})
 
     def keep(self, label: str) -> LiveState:
@@ -406,7 +406,7 @@ class LiveMeasurement:
         }
 
     def _make_source_setting(self) -> Setting:
-        """Return what a source needs: robot, targets, load point [m], sigma [m], and the tracker's frame in R0."""
+        """Return what a source needs: robot, targets, load point [m], sigma [m], the tracker's frame in R0."""
         post, options = self._post, self._options
         length = self._scales.length
         targets, point = options.targets, options.load_point or (0.0, 0.0, 0.0)
@@ -535,7 +535,7 @@ class LiveMeasurement:
             raise RequestError(
                 "nobody confirmed how the lines are read",
                 where="source",
-                remedy="state the form of the lines with `columns` or `pattern`, and their unit with `source_unit`",
+                remedy="state the form of the lines by `columns` or `pattern`, and the unit by `source_unit`",
             )
         self._confirmed = True
 

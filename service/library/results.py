@@ -450,7 +450,7 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
 
     @property
     def intervals(self) -> FloatArray:
-        """Lower and upper ends (N, 3, 2) of the displacements' intervals without model error [m]; NaN if unknown."""
+        """Lower and upper ends (N, 3, 2) of the intervals of `displacement` without model error [m], or NaN."""
         import numpy as np
 
         known = [case.readings_only for case in self.cases]
@@ -506,17 +506,18 @@ class RobotTrend(Presented, Trend):
         return [*lines, text_table(["joint", "", "change, ± u", "p-value"], rows, texts=[0, 1])]
 
     def _describe_other_pairs(self) -> Iterator[str]:
-        """Yield a sentence for each joint whose test compares other campaigns than the first and the latest."""
+        """Yield a sentence for each joint whose test does not compare the first with the latest campaign."""
         dates = self._campaign_dates()
         for joint in self.joints:
             compared = [i for i, point in enumerate(joint.points) if point.reason is None]
             if joint.change is None or (compared[0] == 0 and compared[-1] == len(dates) - 1):
                 continue
             first, latest = (f"'{self.campaigns[i].name}' ({dates[i]})" for i in (compared[0], compared[-1]))
-            yield f"{joint.name}: compared from {first} to {latest}, because the other campaigns give no number to compare"
+            reason = "because the other campaigns give no number to compare"
+            yield f"{joint.name}: compared from {first} to {latest}, {reason}"
 
     def _campaign_dates(self) -> list[str]:
-        """Return a date for each campaign; if two dates are equal, with the time; if still equal, with a number."""
+        """Return the date of each campaign; if dates are equal, with time; if still equal, with a number."""
         times = [campaign.at for campaign in self.campaigns]
         days, minutes = ([f"{at:{form}}" for at in times] for form in ("%Y-%m-%d", "%Y-%m-%d %H:%M"))
         if len(set(days)) == len(times):
@@ -573,7 +574,7 @@ def presented_class(kind: Kind[AnyJob, Any]) -> type[AnyJob]:
 
 
 def attach_origin(job: AnyJob, origin: Door) -> AnyJob:
-    """Return a job as an object with tables, plots and files; `origin` is the client or process that did it."""
+    """Return a job with tables, plots and files; `origin` is the client or process that did the job."""
     known = presented_class(kind_of(job.kind)).model_validate(dict(job))
     cast("Any", known)._origin = origin
     return cast("AnyJob", known)

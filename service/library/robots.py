@@ -37,7 +37,7 @@ class ModelledRobot(RobotDocument):
         return robot
 
     def replace_model_of(self, prepared: PreparedRobot) -> PreparedRobot:
-        """Return a prepared robot in which the Pinocchio model of this object replaces that made from the document."""
+        """Return a prepared robot that computes with the Pinocchio model of this object, not with its own."""
         from jointstiff.solver.mechanics.robot import Robot
 
         prepared_robot = prepared.robot

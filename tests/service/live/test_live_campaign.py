@@ -43,7 +43,7 @@ def test_a_silent_stream_of_an_open_set_sends_comments(monkeypatch):
     sets = SimpleNamespace(revision=lambda _: 3)
 
     async def first(count: int) -> list[bytes]:
-        stream = live._events(SimpleNamespace(app=application), sets, "set", state)
+        stream = live._stream_states(SimpleNamespace(app=application), sets, "set", state)
         return [await anext(stream) for _ in range(count)]
 
     event, *silent = anyio.run(first, 4)
