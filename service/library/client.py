@@ -286,7 +286,7 @@ class Client(Verbs):
         return run.id
 
     def _replace_foreign_run(self, source: Any) -> Any:  # noqa: ANN401 - a run, or a campaign
-        """Return `source`; for a run that this service did not do, return its campaign and options instead."""
+        """Return `source`, or for a run that this service did not do its campaign with the run's options."""
         if not isinstance(source, TabledRun) or source.was_done_by(self):
             return source
         return source.campaign.model_copy(update={"run": options_of(source)})

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from jointstiff.service.reports.exports import ExportedModel
 
 
-AnyRun = TypeVar("ARun", bound=Run)
+AnyRun = TypeVar("AnyRun", bound=Run)
 
 
 class ImportFields(TypedDict, total=False):

@@ -406,7 +406,7 @@ class LiveMeasurement:
         }
 
     def _make_source_setting(self) -> Setting:
-        """Return what a source needs: robot, targets, load point [m], sigma [m], the tracker's frame in R0."""
+        """Return what a source needs: robot, targets, load point [m], sigma [m], and the frame in R0."""
         post, options = self._post, self._options
         length = self._scales.length
         targets, point = options.targets, options.load_point or (0.0, 0.0, 0.0)

@@ -89,7 +89,7 @@ class Presented(ABC):
 
     @property
     def _message(self) -> Message:
-        """This object as a message: every subclass is also a message."""
+        """Object itself, for type checkers: every subclass is also a message."""
         return cast("Message", self)
 
     def __repr__(self) -> str:
@@ -450,7 +450,7 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
 
     @property
     def intervals(self) -> FloatArray:
-        """Lower and upper ends (N, 3, 2) of the intervals of `displacement` without model error [m], or NaN."""
+        """Lower and upper ends (N, 3, 2) of intervals of `displacement` without model error [m], or NaN."""
         import numpy as np
 
         known = [case.readings_only for case in self.cases]
@@ -481,7 +481,7 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
 
 
 class RobotTrend(Presented, Trend):
-    """Stiffness of a robot's joints over its campaigns; change_text as a table of changes, and plots."""
+    """Stiffness of a robot's joints over its campaigns; shown as a table of changes, and plots."""
 
     def _parts(self) -> Sequence[Part]:
         """Return a line with the number of changed joints, remarks, and a table of the changes [%]."""

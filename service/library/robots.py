@@ -40,10 +40,8 @@ class ModelledRobot(RobotDocument):
         """Return a prepared robot that computes with the Pinocchio model of this object, not with its own."""
         from jointstiff.solver.mechanics.robot import Robot
 
-        prepared_robot = prepared.robot
-        robot_with_model = Robot(
-            self._model, prepared_robot.joint_map, prepared_robot.bodies, flange=self._flange
-        )
+        old_robot = prepared.robot
+        robot_with_model = Robot(self._model, old_robot.joint_map, old_robot.bodies, flange=self._flange)
         return replace(prepared, robot=robot_with_model)
 
 
