@@ -39,8 +39,8 @@ _TAG_PATTERN: Final = re.compile(r'"[^"]*"')
 """A tag in `If-None-Match`, weak or not (RFC 9110, section 13.1.2)."""
 _REMEDIES: Final = {
     404: "see /openapi.json for the existing addresses",
-    405: "see /openapi.json for the parameters of this address",
-    409: "check its `state` and its `error`",
+    405: "see /openapi.json for the methods of this address",
+    409: "check `state` and `error` of the resource",
     413: "send less in one request",
 }
 
@@ -186,4 +186,8 @@ async def _answer_failure(request: Request, error: Exception) -> Response:
         case ClientDisconnect():
             return answer_problem(http_problem(400, "the client disconnected before its body was complete"))
     _logger.error("unexpected failure", exc_info=error)
-    return answer_problem(http_problem(500, "an unexpected internal error", "please report it; see the log"))
+    return answer_problem(
+        http_problem(
+            500, "an unexpected internal error", "report the error, with the lines of the log about it"
+        )
+    )

@@ -125,7 +125,8 @@ class Followers:
         followed.followers += 1
         if self._task is None or self._task.done():
             self._task = asyncio.create_task(self._poll())
-        task, sent, clock = self._task, None, asyncio.get_running_loop().time
+        task, clock = self._task, asyncio.get_running_loop().time
+        sent: ServerSentEvent | None = None
         checked_at, may_follow = clock(), True
         try:
             while may_follow:

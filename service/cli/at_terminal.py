@@ -90,7 +90,7 @@ class AtTerminal(Person):
 
     def missed(self, error: Exception, *, again: bool) -> Literal["again", "skip", "stop"]:
         """Print why the source gave no reading, and ask whether to try again, skip the posture or stop."""
-        cli.warn(f"no reading: {getattr(error, 'reason', error)}")
+        cli.warn(f"the source gave no reading: {getattr(error, 'reason', error)}")
         remedy = getattr(error, "remedy", None)
         if remedy:
             cli.warn(f"  remedy: {remedy}")
@@ -118,8 +118,14 @@ def format_reading(state: LiveState, reading: LiveReading) -> str:
         near, than = ("as near to", "as") if reading.ball_ratio <= 1.0 else ("further from", "than")
         parts.append(f"held out: {near} its prediction {than} 90 % of good readings,")
     needed = state.still_needed
-    still = "" if needed is None else f"about {needed} more" if needed else "reached"
-    parts.append(still or "how many are still needed is not known")
+    still = (
+        ""
+        if needed is None
+        else f"about {needed} more reading{'s' * (needed > 1)}"
+        if needed
+        else "goal reached"
+    )
+    parts.append(still or "the number of readings still needed is not known")
     return " ".join(parts)
 
 

@@ -54,7 +54,7 @@ def _parse_pair(text: str) -> tuple[str, str]:
     """Split the text `KEY=VALUE` at its last `=` into key and value; raise ValueError without a `=`."""
     key, equals, value = text.rpartition("=")
     if not equals:
-        raise ValueError(f"'{text}' has no '='")
+        raise ValueError(f"'{text}' must be two parts with '=' between them")
     return key.strip(), value.strip()
 
 
@@ -373,9 +373,13 @@ def _write_template(path: Path, answer: ImportAnswer, *, overwrite: bool) -> Non
     """
     if answer.template is None:
         if not answer.missing:
-            reason = "no template was written: the files have too many columns, or too long headers"
-            raise cli.print_failure(reason, "ignore columns that are not needed, in smaller files")
-        raise cli.print_failure(f"no template was written: {'; '.join(answer.missing)} missing", "add it")
+            reason = (
+                "no template was written: the files have too many columns or too long headers for a template"
+            )
+            raise cli.print_failure(reason, "import files with fewer columns and shorter headers")
+        raise cli.print_failure(
+            f"no template was written, because this is missing: {'; '.join(answer.missing)}", "add it"
+        )
     cli.refuse_existing(path, overwrite=overwrite)
     template = answer.template.model_dump(mode="json", exclude_defaults=True)
     cli.write_json(path, template)

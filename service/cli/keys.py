@@ -115,7 +115,7 @@ def link(
     with _open_keys(database, keys_file) as (stored_keys, _):
         found = {key.id: key for key in stored_keys.all()}.get(key_id)
     if found is None or not found.is_live(now):
-        raise cli.print_failure(f"the service has no key {key_id!r}", "see `jointstiff keys list`")
+        raise cli.print_failure(f"no valid key has the id {key_id!r}", "see `jointstiff keys list`")
     with Store.open(database) as store:
         store.sessions.offer(digest(token), key_id, now, now + LINK_TIME)
         _record_in_audit(store, found, "POST", "createLink", 201)

@@ -76,13 +76,11 @@ class ParsedValue:
 
 @dataclass(frozen=True)
 class _FileOptions:
-    """Options of a command that concern files, in addition to the fields and their effects."""
+    """Options of a command that concern files, and the functions that carry out these options."""
 
     options: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)  # (annotation, default) by name
     endings: tuple[str, ...] = ()  # allowed endings of the file that `output` names, unless it is a table
-    passed_options: tuple[
-        str, ...
-    ] = ()  # names of the options that are passed on to the function of the work
+    passed_options: tuple[str, ...] = ()  # names of options that the function of the work accepts
     # function that writes files of a job that has a result, and returns the job to print
     finish: Callable[[Any, _Values, Sequence[Any]], Any] = lambda job, _values, _sources: job
     # function that may do something in place of the work, as for --explain; returns whether it did so
@@ -484,8 +482,8 @@ def _choose_corrected_path(values: _Values) -> Path | None:
     output: Path | None = values["output"]
     if values["apply"] is None:
         if output is not None:
-            others = "`jointstiff export` writes tables, `jointstiff report` reports"
-            message = f"is only for the campaign that --apply corrects; {others}"
+            others = "`jointstiff export` writes tables, `jointstiff report` writes reports"
+            message = f"names the file of the campaign that --apply corrects, so it needs --apply; {others}"
             raise typer.BadParameter(message, param_hint="--output")
         return None
     if output is not None:
@@ -568,10 +566,10 @@ def _explain_moves_if_requested(values: _Values, sources: Sequence[Any]) -> bool
         return True
     for row in rows:
         frames = f"base {row.base or 'unknown'}, tool {row.tool or 'unknown'}"
-        verdict = "corrected" if row.corrected else f"left: {row.reason}; {row.remedy}"
+        verdict = "corrected" if row.corrected else f"not corrected: {row.reason}; {row.remedy}"
         typer.echo(f"line {row.line}: {row.target or 'target unknown'}, {frames}: {verdict}")
     corrected = sum(row.corrected for row in rows)
-    typer.echo(f"{corrected} of {len(rows)} moves can be corrected, {len(rows) - corrected} left")
+    typer.echo(f"{corrected} of {len(rows)} moves can be corrected, {len(rows) - corrected} cannot")
     return True
 
 

@@ -78,7 +78,7 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
         _make_text_option(
             "--server",
             "ADDRESS",
-            "Service that keeps the open set, so that a page can follow; default: this process.",
+            "Service that stores the readings, so that a web page shows them; default: this process.",
         ),
         None,
     ),
@@ -162,7 +162,7 @@ def build_measure_command() -> Callable[..., None]:
         str,
         typer.Argument(
             metavar="CAMPAIGN_OR_ROBOT",
-            help="Campaign whose robot, loads, targets and noise are taken, its readings not; or a robot: a "
+            help="Campaign: its robot, loads, targets and noise are used, not its readings. Or a robot: a "
             "file, or the name of an arm of the catalogue, with --load and --target.",
         ),
     ]

@@ -75,7 +75,7 @@ def report(
 
 
 def read_or_identify_run(file: Path, run: Path | None) -> TabledRun:
-    """Return the run of a campaign: read from the file `run`, or identified now if that is None."""
+    """Return the run of a campaign: read from the file `run`, or identified now if `run` is None."""
     from jointstiff.schemas.run import Run
     from jointstiff.service.library.here import Here, attach_campaign
     from jointstiff.service.resources.documents import campaign_of, read_document
@@ -109,7 +109,7 @@ def robots(
     from jointstiff.solver.errors import RequestError
 
     if output is not None and name is None:
-        raise typer.BadParameter("needs the name of an arm", param_hint="--output")
+        raise typer.BadParameter("needs the name of an arm: give ARM, too", param_hint="--output")
     try:
         arm = None if name is None else find_arm(name, "ARM")
     except RequestError as error:

@@ -90,7 +90,9 @@ CampaignFile = Annotated[
 ]
 RunFile = Annotated[
     Path | None,
-    file_option("Run of that campaign, as `identify --json` prints it; default: identify it now."),
+    file_option(
+        "File of the campaign's run, as `identify --json` prints it; default: identify the campaign now."
+    ),
 ]
 NamedRobot = Annotated[
     str | None,

@@ -312,7 +312,8 @@ class Client(Verbs):
     ) -> Run | None:
         """Post a request of a run unless it was posted before; return the run when it has ended.
 
-        Return None if the run is `dispensable` and the readings do not support its method.
+        With `dispensable`, the work can do without this run: return None if the readings do not support its
+        method.
         """
         text = request.model_dump_json()
         try:

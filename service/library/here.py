@@ -137,7 +137,8 @@ class Here(Verbs):
     def run(self, request: RunRequest, follow: Follow, dispensable: bool) -> Run:
         """Identify a prepared measurement set; return the run.
 
-        If the run is `dispensable` and the readings do not support its method, return a failed run.
+        With `dispensable`, the work can do without this run: return a failed run if the readings do not
+        support its method.
 
         Raises:
             CampaignError: the request cannot be used, or the readings do not support an indispensable run.

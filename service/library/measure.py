@@ -108,6 +108,7 @@ class _SetInProcess:
     """Measurement set that is measured live, kept in this process."""
 
     def __init__(self, robot: PreparedRobot, post: MeasurementSetPost, run: RunOptions) -> None:
+        """Begin without readings; `post` declares goal, load and targets; `run` has options of the final run."""
         self._document, self._run = robot.document, run
         with as_campaign_error("measurement_set"):
             resolved = own_frame(post)
@@ -153,6 +154,7 @@ class _SetInService:
     """Measurement set that is measured live, kept by a service."""
 
     def __init__(self, client: Client, robot: RobotDocument, post: MeasurementSetPost) -> None:
+        """Store robot and measurement set in the service; `post` declares goal, load and targets."""
         self._client = client
         body = post.model_copy(update={"robot_id": client.described(robot)})
         text = body.model_dump_json(exclude_unset=True)
@@ -208,9 +210,8 @@ class _SourceThread:
         """Stop the event loop and end the thread."""
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
-        self._loop.run_until_complete(
-            asyncio.sleep(0)
-        )  # gives connections that were just closed the time to end
+        # One more turn of the loop lets connections end that were just closed.
+        self._loop.run_until_complete(asyncio.sleep(0))
         self._loop.close()
 
 
@@ -261,7 +262,7 @@ class LiveMeasurement:
         self.release_source()
 
     def __repr__(self) -> str:
-        """Return robot, goal and present state in one line."""
+        """Return the robot's name, the goal and the message of the present state in one line."""
         return f"<LiveMeasurement of '{self.robot.name}': {self.state.goal}; {self.state.message}>"
 
     @property
@@ -301,14 +302,12 @@ class LiveMeasurement:
         """
         planned, scales = self.next, self._scales
         if planned is None and (label is None or joints is None or force is None):
-            remedy = "give `label`, `joints` and `force`"
-            raise CampaignError(http_problem(422, "nothing is left to read", remedy))
+            remedy = "give `label`, `joints` and `force` of the reading"
+            raise CampaignError(http_problem(422, "no planned reading is left", remedy))
         angles = np.asarray(planned.joints if joints is None and planned else joints, dtype=np.float64)
         force_newtons = np.asarray(planned.force if force is None and planned else force, dtype=np.float64)
-        unloaded_by_target, loaded_by_target = (
-            self._positions_by_target(unloaded),
-            self._positions_by_target(loaded),
-        )
+        unloaded_by_target = self._positions_by_target(unloaded)
+        loaded_by_target = self._positions_by_target(loaded)
         readings = [
             {
                 "target": name,
@@ -340,7 +339,7 @@ class LiveMeasurement:
         return self.state if self.next is None else self._send_change({"skipped": self.next.label})
 
     def run_source(self, person: Person | None = None, most: int = MOST_READINGS) -> LiveState:
-        """Read by the source until the goal is reached or cannot be reached, or `most` readings are taken.
+        """Read with the source until the goal is reached or cannot be reached, or after `most` readings.
 
         Args:
             person: person who decides about readings; default: nobody, as `Person` describes.
@@ -390,12 +389,15 @@ class LiveMeasurement:
             self._loop = self._checked = None
 
     def _send_change(self, change: dict[str, Any]) -> LiveState:
-        """Change the open set, such as by withdrawing a reading; return the new state."""
+        """Apply a change to the measurement set, such as to withdraw a reading; return the new state."""
         self.state = self._set.change(parse_document(change, SetChange))
         return self.state
 
     def _positions_by_target(self, places: Any) -> dict[str, list[float]]:  # noqa: ANN401 - arrays or positions by target
-        """Return positions [m], given by target or in order, as a dictionary by target in the set's units."""
+        """Return positions by target, in the units of the set.
+
+        `places` [m] are a dictionary by target, or rows (T, 3) in the order of the targets; None: no entries.
+        """
         if places is None:
             return {}
         names = self._options.targets
@@ -427,7 +429,9 @@ class LiveMeasurement:
         """
         if self.source is None:
             raise RequestError(
-                "the campaign has no source", where="source", remedy='give one, such as source="simulated:1"'
+                "the live measurement has no source of readings",
+                where="source",
+                remedy='give a source, such as source="simulated:1"',
             )
         if isinstance(self._options.load, OwnWeight) and self.source.by_itself:
             raise RequestError(
@@ -599,7 +603,7 @@ def measure(
 
 
 def _parse_options(options: Mapping[str, Any], goal: Goal) -> dict[str, Any]:
-    """Check the options of a live measurement; return the stated ones, parsed as fields of `LiveOptions`."""
+    """Validate options of a live measurement; return those that are not None, with parsed values."""
     stated = {name: value for name, value in options.items() if value is not None}
     message = parse_document({**stated, "goal": goal}, LiveOptions)
     return {name: getattr(message, name) for name in stated}

@@ -341,7 +341,7 @@ class TabledRun(PresentedJob, Run):
 
         found = self._require_result()
         if found.budget is None:
-            remedy = "identify by joints alone, with `sigma` or more readings than joints"
+            remedy = "identify joints without links, and state `sigma` or take more readings than joints"
             raise RequestError("the run has no uncertainty budget", where="run", remedy=remedy)
         names, budget = [joint.name for joint in found.joints], found.budget
         matrix = np.full((len(names), len(names)), np.nan)

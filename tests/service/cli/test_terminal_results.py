@@ -302,7 +302,7 @@ def test_moves_are_explained_before_they_are_corrected():
         typed("compensate pull.json path.src --explain"),
         "line 7: 1809.57, 269.279, 1489.68, -161.541, 39.3967, -171.051, base BASE_DATA[1], tool "
         "TOOL_DATA[1]: corrected",
-        "4 of 4 moves can be corrected, 0 left",
+        "4 of 4 moves can be corrected, 0 cannot",
     )
     moves = answered("compensate pull.json path.src --explain")
     assert [(each["line"], each["corrected"]) for each in moves] == [(line, True) for line in (7, 8, 9, 10)]
