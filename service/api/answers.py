@@ -179,10 +179,10 @@ async def _answer_failure(request: Request, error: Exception) -> Response:
             return answer_problem(invalid_request(error.errors(), _list_query_parameters(request)))
         case HTTPException():
             # In the HTTPExceptions that this service raises, the detail has the form "REASON; REMEDY".
-            reason, *remedy = str(error.detail).split("; ", 1)
-            todo = remedy[0] if remedy else _REMEDIES.get(error.status_code)
+            reason, *own_remedy = str(error.detail).split("; ", 1)
+            remedy = own_remedy[0] if own_remedy else _REMEDIES.get(error.status_code)
             headers = dict(error.headers) if error.headers else None
-            return answer_problem(http_problem(error.status_code, reason, todo), headers)
+            return answer_problem(http_problem(error.status_code, reason, remedy), headers)
         case ClientDisconnect():
             return answer_problem(http_problem(400, "the client disconnected before its body was complete"))
     _logger.error("unexpected failure", exc_info=error)

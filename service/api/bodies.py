@@ -177,7 +177,7 @@ class _Parser(MultiPartParser):
 
 
 async def read_form(request: Request) -> FormData:
-    """Read the fields `files` and `options` of a form; `options` is decoded to text even if sent as a file.
+    """Read a form; return its fields `files` and `options`, the latter as text even if it was sent as a file.
 
     Raises:
         RequestError: the body is not a form with these fields.
@@ -185,6 +185,7 @@ async def read_form(request: Request) -> FormData:
     """
 
     async def read_chunks() -> AsyncGenerator[bytes]:
+        """Yield the parts of the body; raise MultiPartException if the closing boundary was missing."""
         async for chunk in request.stream():
             yield chunk
         if not parser.is_complete:

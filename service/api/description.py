@@ -103,10 +103,10 @@ def _drop_titles(node: Any, *, names: bool = False) -> Any:  # noqa: ANN401 - an
 
 def _summarise_operation(operation: Node) -> None:
     """Move the first sentence of an operation's `description` to its field `summary`."""
-    first, _, rest = operation["description"].partition("\n\n")
-    sentence, stop, more = " ".join(first.split()).partition(". ")
+    paragraph, _, rest = operation["description"].partition("\n\n")
+    sentence, has_more, rest_of_paragraph = " ".join(paragraph.split()).partition(". ")
     operation["summary"] = sentence.removesuffix(".") + "."
-    if text := "\n\n".join(filter(None, [more if stop else "", rest])):
+    if text := "\n\n".join(filter(None, [rest_of_paragraph if has_more else "", rest])):
         operation["description"] = text
     else:
         del operation["description"]

@@ -130,13 +130,13 @@ def _make_tables_json(requested: _RequestedFile) -> Content:
     assessment: BaseModel | None = getattr(requested.job.result, "assessment", None)
     report = requested.jobs.kind.report(requested.job, requested.job.result, view)
     verdict = assessment and assessment.model_dump(mode="json")
-    shown = {
+    document = {
         "assessment": verdict,
         "tables": tables,
         "lines": _list_text_lines(report.parts),
         "evidence": _list_text_lines(report.evidence),
     }
-    return Content(json.dumps(shown, ensure_ascii=False, allow_nan=False).encode(), "application/json")
+    return Content(json.dumps(document, ensure_ascii=False, allow_nan=False).encode(), "application/json")
 
 
 def _list_text_lines(parts: Sequence[Part]) -> list[str]:

@@ -50,7 +50,7 @@ class Guard:
         """
         self._app = app
         self._posture, self._gate, self._audit = posture, gate, audit
-        self._paths, self._mounts = public_paths(routes)
+        self._public_paths, self._public_mounts = public_paths(routes)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Forward a request, with its requester in the scope, or refuse it."""
@@ -77,7 +77,7 @@ class Guard:
             and await self._gate.awaits_key()
         ):
             await answer_problem(http_problem(403, *_NO_KEY_YET))(scope, receive, send)
-        elif scope["path"].startswith(self._mounts):
+        elif scope["path"].startswith(self._public_mounts):
             await self._app(scope, receive, send)
         elif scope["method"] in SAFE:
             await self._authorise_and_forward(requester, scope, receive, send)
@@ -96,7 +96,7 @@ class Guard:
 
         On a public path of the API, the key is read nevertheless, because the audit names it.
         """
-        is_public = scope["path"] in self._paths
+        is_public = scope["path"] in self._public_paths
         try:
             if not is_public or scope["path"].startswith("/v1/"):
                 requester.key = await self._gate.caller(HTTPConnection(scope), requester.address)
@@ -215,7 +215,7 @@ class Observed:
         REQUEST_ID.set(
             identifier
         )  # for this request's task, also for answers to unexpected errors outside this middleware
-        status, began = 500, time.monotonic()
+        status, started = 500, time.monotonic()
 
         async def send_and_record_status(message: Message) -> None:
             nonlocal status
@@ -231,7 +231,7 @@ class Observed:
         try:
             await self._app(scope, receive, send_and_record_status)
         finally:
-            seconds = time.monotonic() - began
+            seconds = time.monotonic() - started
             method = scope["method"] if scope["method"] in _COUNTED_METHODS else "other"
             route = getattr(scope.get("route"), "path", "other")
             self._metrics.count(method, route, status, seconds)

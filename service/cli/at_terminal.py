@@ -102,7 +102,7 @@ class AtTerminal(Person):
 
 
 def format_reading(state: LiveState, reading: LiveReading) -> str:
-    """Describe a reading in one line: share of the goal, worst joint, p-value, readings still needed."""
+    """Return a line about a reading: share of the goal, least certain joint, p-value, readings still needed."""
     parts = [f"{reading.label}:"]
     if state.share is not None:
         parts.append(f"share of the goal {state.share:.2f},")

@@ -480,6 +480,7 @@ def _find_questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Ca
             next(fault.words for fault in answer.faults if fault.option == option)
         )
     elif option == "accept_unusual":
+        # The text of the missing item ends with "right: " and the unusual values.
         doubtful = answer.missing[answer.missing_fields.index("accept_unusual")].partition("right: ")[2]
         yield option, partial(typer.confirm, f"Is this right: {doubtful}?", default=False, err=True)
     elif option == "columns":

@@ -238,23 +238,24 @@ def _convert_to_units_of_file(
     units = file.get("units")
     if not isinstance(units, dict):
         return stated
-    sizes = {"m": ("length", LENGTH), "deg": ("angle", ANGLE), "N": ("force", FORCE)}
-    scaled = dict(stated)
+    # By the unit of an option: the quantity, and the size of each unit of that quantity in SI units.
+    tables = {"m": ("length", LENGTH), "deg": ("angle", ANGLE), "N": ("force", FORCE)}
+    converted = dict(stated)
     for name, value in stated.items():
-        quantity, size = sizes.get(_find_option_form(message.model_fields[name]).unit, ("", {}))
+        quantity, unit_sizes = tables.get(_find_option_form(message.model_fields[name]).unit, ("", {}))
         unit = units.get(quantity)
         posture = quantity == "angle" and isinstance(value, list | tuple)
-        if posture and unit != "deg" and unit in size and len(value) > _JOINTS_OF_ARM:
+        if posture and unit != "deg" and unit in unit_sizes and len(value) > _JOINTS_OF_ARM:
             raise typer.BadParameter(
                 f"the values of linear axes cannot be converted from deg to {unit}, the unit of angles in "
                 f"the file of options; remedy: state `{name}` in that file, in its units",
                 param_hint=option_flag(message, name),
             )
-        if unit in size:
-            scaled[name] = scale_numbers(
-                size[_find_option_form(message.model_fields[name]).unit] / size[unit], value
+        if unit in unit_sizes:
+            converted[name] = scale_numbers(
+                unit_sizes[_find_option_form(message.model_fields[name]).unit] / unit_sizes[unit], value
             )
-    return scaled
+    return converted
 
 
 def scale_numbers(factor: float, value: Any) -> Any:  # noqa: ANN401 - JSON

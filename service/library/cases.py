@@ -116,6 +116,7 @@ def _cases_from_arrays(
         None if vectors is None else vectors_of(vectors, len(q), name).tolist()
         for vectors, name in ((forces, "forces"), (moments, "moments"))
     )
+    # Forces were checked above, so `force_rows` is a list; `or []` is only for type checkers.
     return [
         {
             "joints": row,

@@ -125,6 +125,7 @@ class Here(Verbs):
             labels = {each.label for each in run.campaign.measurement_set.observations}
             left_out = run.request.leave_out
             prepared = self.inputs.measured(set_id, "run_id", left_out) if set(left_out) < labels else None
+            # Equal hashes show that the run was made from this robot and these readings.
             if prepared is None or run.provenance.input_hash != prepared.run_hash(run.request):
                 raise RequestError(
                     f"the run '{run.id}' was made from another robot or from other readings",
@@ -288,7 +289,7 @@ def make_failed_run(message: type[AnyRun], request: RunRequest, problem: Problem
 
 
 def _prepare_exported_model(run: Job) -> ExportedModel:
-    """Return the identified model of a run with its robot, for reports and model files."""
+    """Return the identified model of a run together with the robot, for reports and model files."""
     from jointstiff.service.reports.exports import ExportedModel
 
     here = Here()

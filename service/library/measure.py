@@ -108,7 +108,7 @@ class _SetInProcess:
     """Measurement set that is measured live, kept in this process."""
 
     def __init__(self, robot: PreparedRobot, post: MeasurementSetPost, run: RunOptions) -> None:
-        """Begin without readings; `post` declares goal, load and targets; `run` has options of the final run."""
+        """Begin without readings; `post` declares goal, load and targets; `run` has the run's options."""
         self._document, self._run = robot.document, run
         with as_campaign_error("measurement_set"):
             resolved = own_frame(post)

@@ -111,7 +111,7 @@ class Presented(ABC):
         )
 
     def _first_line(self) -> str:
-        """Return the first line of the report that is not part of a table; empty without one."""
+        """Return the first text line of the report; empty if the report has only tables."""
         lines = [part.text for part in self._parts() if isinstance(part, Line)]
         return lines[0].strip().partition("\n")[0] if lines else ""
 
@@ -345,6 +345,7 @@ class TabledRun(PresentedJob, Run):
             raise RequestError("the run has no uncertainty budget", where="run", remedy=remedy)
         names, budget = [joint.name for joint in found.joints], found.budget
         matrix = np.full((len(names), len(names)), np.nan)
+        # Entry (i, j) is u_i u_j times the correlation of joints i and j.
         indices, u = [names.index(name) for name in budget.joints], np.array(budget.standard_uncertainty)
         matrix[np.ix_(indices, indices)] = np.outer(u, u) * np.array(budget.correlation)
         return matrix
@@ -484,7 +485,7 @@ class RobotTrend(Presented, Trend):
     """Stiffness of a robot's joints over its campaigns; shown as a table of changes, and plots."""
 
     def _parts(self) -> Sequence[Part]:
-        """Return a line with the number of changed joints, remarks, and a table of the changes [%]."""
+        """Return the lines and the table of the report: number of changed joints, remarks, changes in %."""
         changed = sum(joint.changed for joint in self.joints)
         head = (
             f"{len(self.campaigns)} campaigns: {changed} of {len(self.joints)} joints changed since the first"
@@ -548,7 +549,7 @@ class RobotTrend(Presented, Trend):
         return Sheet.of_joints(sheet, [joint.kind for joint, _, _ in pairs])
 
     def _draw_figure(self) -> Figure:
-        """Draw a chart of stiffness over campaigns for each joint."""
+        """Draw a figure with a chart for each joint: its stiffness over the campaigns."""
         from jointstiff.service.reports.plots import figure_of
 
         names = self._campaign_dates()

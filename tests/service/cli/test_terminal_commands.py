@@ -193,8 +193,8 @@ HELP = {
         "Predict deflections in given postures under given loads.",
         "POSTURES <file> CSV of postures and loads, with units in the headers: J1 [deg], …, Fx [N], … "
         "[required]",
-        "--run FILE File of the campaign's run, as `identify --json` prints it; default: identify the campaign "
-        "now.",
+        "--run FILE File of the campaign's run, as `identify --json` prints it; default: identify the "
+        "campaign now.",
         "--load-point X,Y,Z[mm] Point where the force acts, in the flange frame, in mm.",
         "--place X,Y,Z[mm] Point whose deflection is predicted, in the flange frame, in mm; default: the "
         "load point.",
