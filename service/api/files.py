@@ -73,7 +73,7 @@ _MakeContent = Callable[[_RequestedFile], Content]
 
 def needs_no_work(kind: AnyKind, name: str) -> bool:
     """Return whether this file of a kind of job is stored with the result, so that nothing is computed."""
-    # The corrected program is the only file whose content the result of a job contains.
+    # The compensated program is the only file whose content the result of a job contains.
     return _find_content_makers(kind).get(name) is _make_program_file
 
 

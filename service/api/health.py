@@ -260,6 +260,7 @@ class Metrics:
         limiter = CapacityLimiter(1)
 
         async def answer(scope: Scope, receive: Receive, send: Send) -> None:
+            """Answer a request for metrics on their port; hand any other request to `app`."""
             if scope["type"] != "http" or scope["server"][1] != port:
                 await app(scope, receive, send)
                 return

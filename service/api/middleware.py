@@ -132,6 +132,7 @@ class Methods:
         with anyio.CancelScope() as rest:
 
             async def send_only_headers(message: Message) -> None:
+                """Send the headers and an empty body, then cancel the handler of GET."""
                 await send(message)
                 await send({"type": "http.response.body"})
                 rest.cancel()
@@ -146,6 +147,7 @@ class Methods:
         request_scope = dict(scope)  # a copy, as a mount changes the scope
 
         async def send_with_allow(message: Message) -> None:
+            """Send a message; with status 405, add the header `Allow` before."""
             if message.get("status") == _METHOD_NOT_ALLOWED:
                 MutableHeaders(scope=message)["Allow"] = self._allowed_methods(request_scope)
             await send(message)
@@ -218,6 +220,7 @@ class Observed:
         status, started = 500, time.monotonic()
 
         async def send_and_record_status(message: Message) -> None:
+            """Add missing standard headers, send the message, and note the status of the answer."""
             nonlocal status
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)

@@ -157,6 +157,7 @@ def install_description(app: FastAPI) -> None:
         return json.dumps(app.openapi(), ensure_ascii=False, separators=(",", ":")).encode()
 
     async def get_description() -> Response:
+        """Return the description as JSON; the first request waits until it is written."""
         nonlocal description
         async with write_lock:
             description = description or await run_sync(write_description)

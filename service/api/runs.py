@@ -117,6 +117,7 @@ async def apply_action(
     """
 
     def create(jobs: Jobs) -> JobRecord:
+        """Store the changed inputs and the job of the new run; return the job's record."""
         variant = _make_request_after_action(posted.parts, cast("Run", jobs.current(run_id)), body)
         return jobs.create(variant, _make_key_from_content(variant.model_dump_json()), posted.by)
 
@@ -225,6 +226,7 @@ async def create_campaign(
     """
 
     def create(jobs: Jobs) -> JobRecord:
+        """Store robot and measurement set, each once, and the job of the run; return the job's record."""
         with _name_section_in_errors("robot"):
             robot_id = _store_robot_once(posted.parts, body.robot)
         with _name_section_in_errors("measurement_set"):
@@ -344,6 +346,7 @@ async def create_program(
         )
 
     def create(jobs: Jobs) -> JobRecord:
+        """Store the job of the program with the uploaded files; return the job's record."""
         sent = [packed(*read_named_file(file)) for file in files]
         body = options.model_copy(update={"files": sent})
         key = bind_key(idempotency_key, body.model_dump_json().encode())

@@ -102,7 +102,7 @@ class AtTerminal(Person):
 
 
 def format_reading(state: LiveState, reading: LiveReading) -> str:
-    """Return a line about a reading: share of the goal, least certain joint, p-value, readings still needed."""
+    """Return a line about a reading: share of the goal, least certain joint, p-value, readings needed."""
     parts = [f"{reading.label}:"]
     if state.share is not None:
         parts.append(f"share of the goal {state.share:.2f},")

@@ -542,7 +542,7 @@ _QUESTIONS: Final[Mapping[str, Callable[[], object]]] = {
 
 
 def has_blocking_findings(answer: ImportAnswer) -> bool:
-    """Return whether the inspection found an error because of which the readings must not be used."""
+    """Return whether the inspection found an error that forbids the use of the readings."""
     return any(finding.weight == "do_not_use" for finding in answer.findings or ())
 
 

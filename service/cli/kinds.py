@@ -275,6 +275,7 @@ def name_options_in_text(message: type[Message], text: str, forms: Forms = _NO_F
     with_option = dict(field_options(message, forms))
 
     def replace_field(found: re.Match[str]) -> str:
+        """Return the option for a matched field; the unchanged text if the field has no option."""
         name, value = found.groups()
         if name not in with_option:
             return found[0]

@@ -703,6 +703,7 @@ def _run_in_thread(function: Callable[..., Any], *, stepped: bool) -> Callable[.
     """
 
     async def call(*arguments: Any, **options: Any) -> Any:  # noqa: ANN401 - of the function
+        """Call the function in another thread and return its value; when cancelled, let it end early."""
         # Cancelling a task does not stop its thread. The function calls `cancel` and stops if it is true.
         ended = threading.Event()
         if stepped:

@@ -465,16 +465,19 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
         return np.array([getattr(case, field) or unknown for case in self.cases], dtype=np.float64)
 
     def _parts(self) -> Sequence[Part]:
+        """Return the lines and tables of the predicted deflections."""
         from jointstiff.service.runs.deflection import prediction_parts
 
         return prediction_parts(self)
 
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
+        """Return, by its name, the function that makes the only table: a row for each load case."""
         from jointstiff.service.runs.deflection import prediction_sheet
 
         return {"cases": lambda: prediction_sheet(self)}
 
     def _draw_figure(self) -> Figure:
+        """Draw the predicted deflections of all load cases."""
         from jointstiff.service.reports.plots import figure_of
         from jointstiff.service.runs.deflection import prediction_charts
 
@@ -527,6 +530,7 @@ class RobotTrend(Presented, Trend):
         return minutes if unique else [f"{minute} ({i})" for i, minute in enumerate(minutes, 1)]
 
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
+        """Return, by its name, the function that makes the only table: a row for each joint and campaign."""
         return {"points": self._points_sheet}
 
     def _points_sheet(self) -> Sheet:
