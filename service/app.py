@@ -15,7 +15,7 @@ from starlette.routing import BaseRoute
 
 from jointstiff.service.api import admin, health, jobs, live, resources, runs
 from jointstiff.service.api.answers import install_error_handlers
-from jointstiff.service.api.description import DescribedApplication, problems
+from jointstiff.service.api.description import DescribedApplication, describe_problems
 from jointstiff.service.api.health import Metrics, Watch
 from jointstiff.service.api.jobs import Followers
 from jointstiff.service.api.middleware import COMPRESSED_BYTES, UNCOMPRESSED_TYPES, Guard, Methods, Observed
@@ -81,7 +81,7 @@ def create_app(
     demands_keys = posture.access == "keys"
     keyring = keyring or Keyring(store)
     app.state.watch = watch = Watch(store, keyring if demands_keys else None)
-    app.state.gate = gate = Gate(store, keyring, watch.latest, posture.access)
+    app.state.gate = gate = Gate(store, keyring, watch.require_recent_check, posture.access)
     app.state.access = posture.access
     app.state.laboratory = laboratory or LaboratorySettings()
     app.state.parts = Parts(store, enqueue)
@@ -115,7 +115,7 @@ def create_app(
 def all_routes() -> Sequence[BaseRoute]:
     """Return the routes of all resources and kinds of jobs; cached, as FastAPI takes 0.1 s to build them."""
     # Without a declared answer 422 FastAPI would describe its own error format, which this API never sends.
-    combined = APIRouter(generate_unique_id_function=operation_id, responses=problems(422))
+    combined = APIRouter(generate_unique_id_function=operation_id, responses=describe_problems(422))
     for router in (
         resources.robots,
         resources.trends,

@@ -155,7 +155,7 @@ def _configure_uvicorn(app: ASGIApp, log_format: LogFormat) -> uvicorn.Config:
 
 def _gauge_values(app: FastAPI, server: uvicorn.Server) -> dict[str, float]:
     """Return name → value of the gauges among the metrics; the store was read at its last check."""
-    last_check = app.state.watch.seen
+    last_check = app.state.watch.last_check
     state: dict[str, float] = {
         "database_up": last_check is not None and last_check.error is None,
         "failing_workers": app.state.failing_workers(),

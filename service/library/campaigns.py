@@ -151,6 +151,6 @@ class Campaign(messages.Campaign):
 
 
 def options_of(run: Run) -> RunOptions:
-    """Return the options of a run in the form of a campaign file: without measurement set and variant."""
+    """Return the options of a run as a campaign file has them: its request without ids of other objects."""
     options = run.request.model_dump(exclude={"measurement_set_id", "variant_of"}, exclude_unset=True)
     return RunOptions.model_validate(options)

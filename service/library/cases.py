@@ -25,7 +25,7 @@ AnyPostures = Any
 ARRAY_UNITS: Final = "m, deg, N"
 """Default units of arrays of postures and forces."""
 _MAX_ANGLE: Final = 4 * pi
-"""Two turns: a greater joint angle is taken for one in another unit [rad]."""
+"""Greatest joint angle that is accepted, two turns [rad]; a greater one is probably in another unit."""
 
 
 class PredictFields(TypedDict, total=False):
@@ -86,7 +86,7 @@ def _cases_from_arrays(
     joints: Mapping[str, JointKind],
     units: Units | Mapping[str, str],
 ) -> list[dict[str, Any]]:
-    """Return a load case for each row of an array of postures (N, n).
+    """Return a load case, as a dictionary for JSON, for each row of an array of postures (N, n).
 
     Forces and moments are (N, 3), or (3,) for all postures; without moments, cases have none.
 
@@ -113,9 +113,10 @@ def _cases_from_arrays(
             remedy="state the unit of the angles, such as units='m, deg, N'",
         )
     force_rows, moment_rows = (
-        None if each is None else vectors_of(each, len(q), name).tolist()
-        for each, name in ((forces, "forces"), (moments, "moments"))
+        None if vectors is None else vectors_of(vectors, len(q), name).tolist()
+        for vectors, name in ((forces, "forces"), (moments, "moments"))
     )
+    # Forces were checked above, so `force_rows` is a list; `or []` is only for type checkers.
     return [
         {
             "joints": row,

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from jointstiff.service.reports.exports import ExportedModel
 
 
-ARun = TypeVar("ARun", bound=Run)
+AnyRun = TypeVar("AnyRun", bound=Run)
 
 
 class ImportFields(TypedDict, total=False):
@@ -87,7 +87,7 @@ class Here(Verbs):
     """Work in this process: prepares inputs from files and messages, and computes jobs at once."""
 
     def __init__(self, campaign: messages.Campaign | None = None) -> None:
-        """Begin without prepared inputs; `campaign` is that of a run which was identified before."""
+        """Begin without prepared inputs; `campaign` is the campaign of a run that was read from a file."""
         self.inputs, self.campaign = InMemoryInputs(), campaign
 
     def begun(self, follow: Follow) -> Here:  # noqa: ARG002 - any executor can be used
@@ -96,7 +96,7 @@ class Here(Verbs):
 
     @one_thread()
     def measured(self, source: Any, place: str = "") -> tuple[str, RunOptions]:  # noqa: ANN401 - campaign or run
-        """Prepare a campaign, or that of a run; return the id of its measurement set, and the run's options.
+        """Prepare a campaign, or the campaign of a run; return the id of its set, and the options of the run.
 
         `place` is put before the places in errors, such as `campaigns[3].`.
 
@@ -125,19 +125,21 @@ class Here(Verbs):
             labels = {each.label for each in run.campaign.measurement_set.observations}
             left_out = run.request.leave_out
             prepared = self.inputs.measured(set_id, "run_id", left_out) if set(left_out) < labels else None
+            # Equal hashes show that the run was made from this robot and these readings.
             if prepared is None or run.provenance.input_hash != prepared.run_hash(run.request):
                 raise RequestError(
-                    f"the run '{run.id}' is of another robot or of other readings",
+                    f"the run '{run.id}' was made from another robot or from other readings",
                     where="run_id",
-                    remedy="give a run of this campaign by this version, or omit it to identify the campaign "
-                    "now",
+                    remedy="give a run that this version made from this campaign; or omit the run, and the "
+                    "campaign is identified now",
                 )
         return self.inputs.add_run(run, set_id)
 
     def run(self, request: RunRequest, follow: Follow, dispensable: bool) -> Run:
         """Identify a prepared measurement set; return the run.
 
-        If the run is `dispensable` and the readings do not support its method, return a failed run.
+        With `dispensable`, the work can do without this run: return a failed run if the readings do not
+        support its method.
 
         Raises:
             CampaignError: the request cannot be used, or the readings do not support an indispensable run.
@@ -201,7 +203,7 @@ class Here(Verbs):
 
             with as_campaign_error("export"):
                 return export_model(
-                    _model_to_export(job), cast("Any", suffix), (query or {}).get("accept_verdict")
+                    _prepare_exported_model(job), cast("Any", suffix), (query or {}).get("accept_verdict")
                 )
         if name == "program":
             from jointstiff.service.kinds.program.work import decompress_file
@@ -232,7 +234,7 @@ class Here(Verbs):
         forces: Numbers | None = None,
         **options: Unpack[PredictFields],
     ) -> Prediction:
-        """Predict deflections by a run or a campaign; arguments as of `jointstiff.predict`."""
+        """Predict deflections with the model of a run or a campaign; arguments as of `jointstiff.predict`."""
         from jointstiff.service.runs.deflection import predict_by_run
 
         known = self.inputs.run(self.identified(run), "run_id")
@@ -252,7 +254,7 @@ class Here(Verbs):
 
         settings = LaboratorySettings() if laboratory is None else read_laboratory(laboratory)
         if isinstance(job, TabledRun):
-            subject = RunSubject(_model_to_export(job), job.campaign.measurement_set, settings)
+            subject = RunSubject(_prepare_exported_model(job), job.campaign.measurement_set, settings)
             if suffix == "xml":
                 with as_campaign_error("report"):
                     return build_certificate(subject)
@@ -283,15 +285,15 @@ class Here(Verbs):
         return self.identify(campaign)
 
 
-def make_failed_run(message: type[ARun], request: RunRequest, problem: Problem) -> ARun:
-    """Return a run in state `failed` with the problem for which it cannot be computed."""
-    nothing = QuickWork(lambda: request, input_hash="", robot_id=None)
+def make_failed_run(message: type[AnyRun], request: RunRequest, problem: Problem) -> AnyRun:
+    """Return a run of class `message` in state `failed`, whose error is the problem."""
+    no_work = QuickWork(lambda: request, input_hash="", robot_id=None)
     failed = {"state": "failed", "error": problem}
-    return new_job(message, request, nothing).model_copy(update=failed)
+    return new_job(message, request, no_work).model_copy(update=failed)
 
 
-def _model_to_export(run: Job) -> ExportedModel:
-    """Return the identified model of a run with its robot, for reports and model files."""
+def _prepare_exported_model(run: Job) -> ExportedModel:
+    """Return the identified model of a run together with the robot, for reports and model files."""
     from jointstiff.service.reports.exports import ExportedModel
 
     here = Here()
@@ -317,7 +319,7 @@ def read_job(path: Path) -> Job | None:
 
 
 def attach_campaign(run: Run, campaign: messages.Campaign) -> TabledRun:
-    """Return a run with a reference to its campaign; for runs read from a file of `identify --json`."""
+    """Return a run, read from a file of `identify --json`, with a reference to its campaign."""
     return cast("TabledRun", results.attach_origin(run, Here(campaign)))
 
 

@@ -82,7 +82,7 @@ def identify_many(
 
 @dataclass(frozen=True)
 class _SharedOptions:
-    """Options that all runs share: `fields` replace those of `options`."""
+    """Options that all runs share: `fields` replace single options of `options`."""
 
     options: RunOptions | None
     fields: dict[str, Any]
@@ -92,9 +92,9 @@ class _SharedOptions:
 class _Task:
     """Campaign to identify, in a form that can be sent to another process, which parses the content."""
 
-    name: str  # of the campaign, for messages
-    content: bytes | Campaign | Problem  # JSON, what was read from it, or why it cannot be read
-    path: Path | None  # of its file, if there is one
+    name: str  # name of the campaign in messages
+    content: bytes | Campaign | Problem  # JSON text, or the campaign, or why the campaign cannot be read
+    path: Path | None  # file of the campaign; None if it is not a file
     shared: _SharedOptions
 
 
@@ -108,7 +108,7 @@ def _identify_all(
 
     Campaigns are read as the work goes on; `sources` keeps those that are read and not identified yet.
     """
-    sources: deque[Any] = deque()  # campaigns in flight, the first one first
+    sources: deque[Any] = deque()  # campaigns that are being identified, in order
 
     def tasks() -> Iterator[_Task]:
         for number, source in enumerate(campaigns):
@@ -122,10 +122,10 @@ def _identify_all(
             else _identify_by_executor(executor, tasks(), lambda: follow.cancelled)
         )
         with closing(runs), suppress(CancelledWorkError):
-            for done, run in enumerate(runs, 1):
-                run._origin = _HereWithLateCampaign(sources.popleft())
-                total = len(campaigns) if isinstance(campaigns, Sized) else done + len(sources)
-                follow(Progress(done=done, total=total, unit="campaigns", activity="identifying"))
+            for count, run in enumerate(runs, 1):
+                run._origin = _OriginThatReadsCampaignLater(sources.popleft())
+                total = len(campaigns) if isinstance(campaigns, Sized) else count + len(sources)
+                follow(Progress(done=count, total=total, unit="campaigns", activity="identifying"))
                 yield run
 
 
@@ -183,7 +183,7 @@ def _identify_campaign(task: _Task, follow: Follow | None = None) -> TabledRun:
     shared = task.shared
     try:
         run: TabledRun = Here().identify(
-            _campaign_of_task(task),
+            _read_campaign_of_task(task),
             options=shared.options,
             on_progress=_ignore_progress,  # one bar shows all campaigns
             cancel=None if follow is None else lambda: follow.cancelled,
@@ -201,7 +201,7 @@ def _identify_as_json(task: _Task) -> str:
     return _identify_campaign(task).model_dump_json()
 
 
-def _campaign_of_task(task: _Task) -> Campaign:
+def _read_campaign_of_task(task: _Task) -> Campaign:
     """Return the campaign of a task, parsed if it is JSON.
 
     Raises:
@@ -215,7 +215,7 @@ def _campaign_of_task(task: _Task) -> Campaign:
 
 
 def _ignore_progress(_: Progress) -> None:
-    """Show no progress of a single run: a bar shows that of all campaigns."""
+    """Ignore the progress of a single run: one bar shows the progress of all campaigns."""
 
 
 def _name_campaign_in_problem(problem: Problem, task: _Task) -> Problem:
@@ -226,7 +226,7 @@ def _name_campaign_in_problem(problem: Problem, task: _Task) -> Problem:
     return problem.model_copy(update={"where": where})
 
 
-class _HereWithLateCampaign(Here):
+class _OriginThatReadsCampaignLater(Here):
     """Origin of a run that reads the run's campaign again from its source when it is needed."""
 
     def __init__(self, source: Any) -> None:  # noqa: ANN401 - a campaign or a run

@@ -23,7 +23,7 @@ NOT_A_FORM = "send a form, with the header Content-Type: multipart/form-data"
 FILE_NAME = "a file has no name, or a name that cannot be displayed"
 ONCE = "send each file once"
 FEWER = "send less in one request"
-NAMED = "send it with a `filename` of 1 to 200 printable characters"
+NAMED = "send the file with a `filename` of 1 to 200 printable characters"
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +109,7 @@ OPTIONS = ("options", (None, b"{}"))
         ),
         (
             [("files", (None, b"1"))],
-            "422 invalid-request | files | a file has no name | send it with a `filename`",
+            "422 invalid-request | files | a file has no name | send the file with a `filename`",
         ),
         ([("files", ("a" * 201, b"1"))], f"422 invalid-request | files | {FILE_NAME} | {NAMED}"),
         ([ONE, ONE], f"422 invalid-file | a.csv | two files have this name | {ONCE}"),

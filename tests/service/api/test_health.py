@@ -117,13 +117,13 @@ class Stumbling(Store):
 def test_the_look_at_the_database_outlives_any_failure(caplog):
     with Stumbling.open("sqlite://") as store, Watch(store) as watch:
         with pytest.raises(StoreUnavailableError, match="check of the database failed"):
-            anyio.run(watch.latest)
+            anyio.run(watch.require_recent_check)
         assert "unexpected failure of a check" in caplog.text
         store.stumbles = False
         deadline = time.monotonic() + 60
         while True:
             try:
-                seen = anyio.run(watch.latest)
+                seen = anyio.run(watch.require_recent_check)
                 break
             except StoreUnavailableError:
                 assert time.monotonic() < deadline

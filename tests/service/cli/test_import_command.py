@@ -67,7 +67,7 @@ def test_a_file_is_overwritten_only_if_that_is_said(folder):
     command = "import", "cell.csv", "--robot", "robot.json", *STATED, "--output", "new.json"
     refused = run(*command)
     assert (refused.exit_code, words(refused.stderr)) == (
-        2, "new.json exists remedy: choose another name, or --overwrite"
+        2, "new.json exists remedy: choose another name, or use --overwrite"
     )  # fmt: skip
     assert (folder / "new.json").read_text() == "kept"
     assert run(*command, "--overwrite").exit_code == 0

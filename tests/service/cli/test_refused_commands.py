@@ -54,8 +54,9 @@ def test_lengths_and_angles_at_the_terminal_become_those_of_the_file(folder):
     [
         (
             ["radians.json", *LOAD, "--start", "10,0,90,0,0,0,1.5"],
-            "Error: Invalid value for --start: linear axes are not in deg, "
-            "and the file of options has angles in rad; remedy: state `start` in that file, in its units",
+            "Error: Invalid value for --start: the values of linear axes cannot "
+            "be converted from deg to rad, the unit of angles in the file of options; remedy: state `start` "
+            "in that file, in its units",
         ),
         (
             ["options.json", "--load-point", "0,0,6000"],
@@ -128,7 +129,7 @@ def test_a_simulated_campaign_depends_on_its_seed_alone_and_replaces_no_file(fol
     kept = (folder / "pull.json").read_bytes()
     refused = run("simulate", "pull.json")
     assert (refused.exit_code, words(refused.stderr)) == (
-        2, "pull.json exists remedy: choose another name, or --overwrite"
+        2, "pull.json exists remedy: choose another name, or use --overwrite"
     )  # fmt: skip
     assert (folder / "pull.json").read_bytes() == kept
     written = []

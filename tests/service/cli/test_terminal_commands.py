@@ -60,7 +60,7 @@ def test_a_simulated_campaign_states_its_true_stiffnesses_and_is_not_written_ove
     assert third["force"] == pytest.approx([-688.51, 284.22, 505.15], rel=1e-4)
     assert third["readings"][0]["unloaded"] == pytest.approx([2.1719, -1.1659, 2.0895], abs=1e-4)
     assert third["readings"][0]["loaded"] == pytest.approx([2.1707, -1.1655, 2.092], abs=1e-4)
-    assert refused("simulate new.json") == "new.json exists remedy: choose another name, or --overwrite"
+    assert refused("simulate new.json") == "new.json exists remedy: choose another name, or use --overwrite"
     said = refused("simulate nowhere/x.json")
     assert said == "cannot write nowhere/x.json: No such file or directory remedy: choose another path"
 
@@ -193,7 +193,8 @@ HELP = {
         "Predict deflections in given postures under given loads.",
         "POSTURES <file> CSV of postures and loads, with units in the headers: J1 [deg], …, Fx [N], … "
         "[required]",
-        "--run FILE Run of that campaign, as `identify --json` prints it; default: identify it now.",
+        "--run FILE File of the campaign's run, as `identify --json` prints it; default: identify the "
+        "campaign now.",
         "--load-point X,Y,Z[mm] Point where the force acts, in the flange frame, in mm.",
         "--place X,Y,Z[mm] Point whose deflection is predicted, in the flange frame, in mm; default: the "
         "load point.",

@@ -121,7 +121,7 @@ def test_readings_of_a_known_robot_are_inspected_and_a_file_is_not_written_over(
         "complete: a measurement set integrity: nothing suspicious",
         "wrote new.json, a campaign; now: jointstiff identify new.json",
     )
-    assert refused(line).endswith("new.json exists remedy: choose another name, or --overwrite")
+    assert refused(line).endswith("new.json exists remedy: choose another name, or use --overwrite")
 
 
 def test_readings_with_errors_are_written_only_despite_them():

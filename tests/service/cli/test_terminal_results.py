@@ -55,7 +55,7 @@ def test_a_report_is_written_of_a_campaign_and_its_run_and_not_over_another_file
     assert json.loads(Path("run.json").read_text())["id"] in page
     assert "3.735 … 3.911" in page
     said = refused("report pull.json --run run.json -o report.html")
-    assert said == "report.html exists remedy: choose another name, or --overwrite"
+    assert said == "report.html exists remedy: choose another name, or use --overwrite"
     assert Path("report.html").read_text() == page
 
 
@@ -295,7 +295,7 @@ def test_a_program_is_corrected_and_its_points_are_written():
     assert numbers(first, "line", "deflection [mm]", "deflection z [mm]") == pytest.approx(
         [7, 2.83057, -2.794967], abs=1e-4
     )
-    assert refused(line) == "out.src exists remedy: choose another name, or --overwrite"
+    assert refused(line) == "out.src exists remedy: choose another name, or use --overwrite"
 
 
 def test_moves_are_explained_before_they_are_corrected():
@@ -303,7 +303,7 @@ def test_moves_are_explained_before_they_are_corrected():
         typed("compensate pull.json path.src --explain"),
         "line 7: 1809.57, 269.279, 1489.68, -161.541, 39.3967, -171.051, base BASE_DATA[1], tool "
         "TOOL_DATA[1]: corrected",
-        "4 of 4 moves can be corrected, 0 left",
+        "4 of 4 moves can be corrected, 0 cannot",
     )
     moves = answered("compensate pull.json path.src --explain")
     assert [(each["line"], each["corrected"]) for each in moves] == [(line, True) for line in (7, 8, 9, 10)]

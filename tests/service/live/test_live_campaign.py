@@ -35,15 +35,15 @@ def service(either_database_url: str) -> Iterator[TestClient]:
 def test_a_silent_stream_of_an_open_set_sends_comments(monkeypatch):
     """Else a proxy does not notice that its time is over, and loses the next event."""
     assert live.QUIET_SECONDS <= 15.0
-    monkeypatch.setattr(live, "LOOK_SECONDS", 0.001)
+    monkeypatch.setattr(live, "POLL_SECONDS", 0.001)
     monkeypatch.setattr(live, "QUIET_SECONDS", 0.0025)
-    monkeypatch.setattr(live, "LOOKS", 10**9)
+    monkeypatch.setattr(live, "POLLS_PER_CHECK", 10**9)
     state = SimpleNamespace(revision=3, state="measuring", model_dump_json=lambda: "{}")
     application = SimpleNamespace(state=SimpleNamespace(gate=None, work=None, is_closing=lambda: False))
     sets = SimpleNamespace(revision=lambda _: 3)
 
     async def first(count: int) -> list[bytes]:
-        stream = live._events(SimpleNamespace(app=application), sets, "set", state)
+        stream = live._stream_states(SimpleNamespace(app=application), sets, "set", state)
         return [await anext(stream) for _ in range(count)]
 
     event, *silent = anyio.run(first, 4)
