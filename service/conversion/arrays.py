@@ -34,7 +34,7 @@ _SPELLINGS: Final = {
 }
 
 
-def units_of(text: Units | Mapping[str, str] | str) -> dict[str, str]:
+def parse_units(text: Units | Mapping[str, str] | str) -> dict[str, str]:
     """Parse a text such as `mm, deg, N` or `m, rad, kN, kN.m`; return the unit of each quantity by name.
 
     Units that are given as `Units` or as a mapping are returned as a dictionary, unchecked.
@@ -88,18 +88,18 @@ class ArrayReadings:
         Raises:
             MeasurementError: shapes do not fit, a value is not a number, or a length is implausible.
         """
-        joints = table_of(self.joints, "joints")
+        joints = to_number_array(self.joints, "joints")
         count = len(joints)
         if joints.ndim != 2 or not joints.size or not np.isfinite(joints).all():
             raise _shape_error("joints", joints, "a row of finite numbers for each observation, (N, n)")
-        point = None if self.load_point is None else vectors_of(self.load_point, count, "load_point")
+        point = None if self.load_point is None else to_vectors(self.load_point, count, "load_point")
         common = point is not None and bool((point == point[0]).all())
         for place in () if point is None else point:
             refuse_far_point(place.tolist(), "load_point", length=LENGTH[units["length"]])
         places = self._flange_places(LENGTH[units["length"]])
         names, readings = self._arrange_readings(count, LENGTH[units["length"]])
-        forces = np.zeros((count, 3)) if self.forces is None else vectors_of(self.forces, count, "forces")
-        moments = None if self.moments is None else vectors_of(self.moments, count, "moments")
+        forces = np.zeros((count, 3)) if self.forces is None else to_vectors(self.forces, count, "forces")
+        moments = None if self.moments is None else to_vectors(self.moments, count, "moments")
         labels = [f"c{i:02}" for i in range(1, count + 1)] if self.labels is None else list(self.labels)
         if len(labels) != count:
             raise MeasurementError(
@@ -130,7 +130,7 @@ class ArrayReadings:
         """
         if not isinstance(self.targets, Mapping):
             return {}
-        places = {str(name): table_of(place, "targets").tolist() for name, place in self.targets.items()}
+        places = {str(name): to_number_array(place, "targets").tolist() for name, place in self.targets.items()}
         for name, place in places.items():
             refuse_far_point(place, f"targets['{name}']", length=length)
         return places
@@ -167,7 +167,7 @@ class ArrayReadings:
         shape = next(iter(values.values())).shape[:2]
         directions = None
         if along:
-            stated = table_of(self.directions, "directions")
+            stated = to_number_array(self.directions, "directions")
             with suppress(ValueError):
                 directions = np.broadcast_to(stated, (*shape, 3))
             if directions is None:
@@ -221,10 +221,10 @@ def _arrange_by_target(
             raise MeasurementError(
                 f"there is no target '{missing[0]}'", where=name, remedy=f"use {', '.join(map(str, value))}"
             )
-        columns = [table_of(value[each], f"{name}['{each}']") for each in names or value]
+        columns = [to_number_array(value[each], f"{name}['{each}']") for each in names or value]
         array = np.stack([column.reshape(len(column), -1) for column in columns], axis=1)
     else:
-        array = table_of(value, name)
+        array = to_number_array(value, name)
         if array.ndim > 0 and array.size and array[0].size % components == 0:
             array = array.reshape(len(array), -1, components)
     names = names or [f"T{t}" for t in range(1, array.shape[1] + 1 if array.ndim > 1 else 2)]
@@ -267,15 +267,15 @@ def _refuse_implausible_lengths(values: FloatArray, name: str, length: float, wh
         )
 
 
-def vectors_of(value: Any, count: int, name: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
+def to_vectors(value: Any, count: int, name: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
     """Return finite numbers (count, 3) from an array of that shape, or from one row that holds for all."""
-    array = table_of(value, name)
+    array = to_number_array(value, name)
     if array.shape not in ((3,), (count, 3)) or not np.isfinite(array).all():
         raise _shape_error(name, array, f"finite numbers of shape (3,) or ({count}, 3)")
     return np.broadcast_to(array, (count, 3))
 
 
-def table_of(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
+def to_number_array(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
     """Convert an array, lists, a data frame, or columns to an array of numbers; `name` is for messages.
 
     Raises:
@@ -317,7 +317,7 @@ def _shape_error(name: str, array: FloatArray, wanted: str) -> MeasurementError:
 # ---- robots
 
 
-def dh_model(rows: Any, convention: str | None, units: Mapping[str, str]) -> dict[str, Any]:  # noqa: ANN401
+def convert_dh_rows(rows: Any, convention: str | None, units: Mapping[str, str]) -> dict[str, Any]:  # noqa: ANN401
     """Return a table of Denavit and Hartenberg as the model of a robot document, in m and rad.
 
     Args:
@@ -338,7 +338,7 @@ def dh_model(rows: Any, convention: str | None, units: Mapping[str, str]) -> dic
     if all(isinstance(row, Mapping) or hasattr(row, "model_dump") for row in rows):
         plain = [row if isinstance(row, Mapping) else row.model_dump() for row in rows]
         return {"format": "dh", "convention": convention, "rows": plain}
-    table = table_of(rows, "robot")
+    table = to_number_array(rows, "robot")
     if table.ndim != 2 or table.shape[1] not in {4, 6}:
         raise RobotError(
             f"the table has the shape {table.shape}",
@@ -358,7 +358,7 @@ def dh_model(rows: Any, convention: str | None, units: Mapping[str, str]) -> dic
     }
 
 
-def urdf_model(text: str, base: str | None, flange: str | None) -> dict[str, Any]:
+def convert_urdf(text: str, base: str | None, flange: str | None) -> dict[str, Any]:
     """Return a URDF as the model of a robot document.
 
     A base that is not stated is the root link; a flange that is not stated is the only tip.
@@ -384,7 +384,7 @@ def urdf_model(text: str, base: str | None, flange: str | None) -> dict[str, Any
     return {"format": "urdf", "urdf": text, **frames}
 
 
-def pinocchio_model(model: Any, flange: str | None) -> tuple[dict[str, Any], list[dict[str, Any]]]:  # noqa: ANN401
+def convert_pinocchio_model(model: Any, flange: str | None) -> tuple[dict[str, Any], list[dict[str, Any]]]:  # noqa: ANN401
     """Return a model of Pinocchio as the model of a robot document, and its bodies with masses.
 
     Args:

@@ -30,7 +30,7 @@ from jointstiff.service.conversion.readings import (
     PointNoise,
     ReadingArrays,
     content_hash,
-    hash_of,
+    hash_texts,
     to_measurements,
 )
 from jointstiff.service.conversion.robots import build_chain_robot, build_dh_chain, to_bodies
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 Header = TypeVar("Header", bound=MeasurementSetHeader)
 
 
-def stated_transform(frame: Frame, length: float) -> pin.SE3:
+def read_stated_transform(frame: Frame, length: float) -> pin.SE3:
     """Return the transform from tracker to R0 [m] that a frame states, its rotation made orthonormal.
 
     Args:
@@ -69,7 +69,7 @@ def stated_transform(frame: Frame, length: float) -> pin.SE3:
     )
 
 
-def to_resolved(transform: pin.SE3, flange_targets: dict[str, Vector3] | None = None) -> ResolvedFrame:
+def to_resolved_frame(transform: pin.SE3, flange_targets: dict[str, Vector3] | None = None) -> ResolvedFrame:
     """Return a transform from tracker to R0 [m] as it is stored with its set, with its flange targets."""
     rigid = to_rigid(transform)
     return ResolvedFrame(
@@ -77,7 +77,7 @@ def to_resolved(transform: pin.SE3, flange_targets: dict[str, Vector3] | None = 
     )
 
 
-def placed(resolved: ResolvedFrame | None) -> dict[str, Any]:
+def frame_fields(resolved: ResolvedFrame | None) -> dict[str, Any]:
     """Return the fields of a stored set for its resolved frame; empty if all its readings are in R0."""
     if resolved is None:
         return {}
@@ -85,7 +85,7 @@ def placed(resolved: ResolvedFrame | None) -> dict[str, Any]:
     return {"resolved_frame": frame, "geometry_targets": resolved.flange_targets}
 
 
-def in_base(
+def transform_to_base(
     header: Header, readings: ReadingArrays, resolved: ResolvedFrame | None
 ) -> tuple[Header, ReadingArrays]:
     """Transform a set from the tracker's frame to R0; return its header and readings, in the set's units.
@@ -203,12 +203,12 @@ class PreparedSet:
     @property
     def content(self) -> str:
         """Return the hash of robot and readings."""
-        return hash_of(self.robot_hash, self.content_hash)
+        return hash_texts(self.robot_hash, self.content_hash)
 
     def run_hash(self, request: RunRequest) -> str:
         """Return the SHA-256 of robot, readings and options of a run: equal runs have equal hashes."""
         options = request.model_dump_json(exclude={"measurement_set_id", "leave_out", "variant_of"})
-        return hash_of(self.content, options, "" if request.weight is None else repr(self.robot.bodies))
+        return hash_texts(self.content, options, "" if request.weight is None else repr(self.robot.bodies))
 
 
 def prepare_robot(document: RobotDocument) -> PreparedRobot:
@@ -243,7 +243,7 @@ def prepare_robot(document: RobotDocument) -> PreparedRobot:
     # Robots were hashed before joints had kinds: without prismatic joints, the hash has to stay what it was.
     kinds = {} if robot.prismatic.any() else {"model": {"rows": {"__all__": {"kind"}}}}
     content = document.model_dump_json(exclude={"name": True, "bodies": True, **kinds})
-    return PreparedRobot(document, robot, hash_of(content))
+    return PreparedRobot(document, robot, hash_texts(content))
 
 
 def build_robot(document: RobotDocument) -> Robot:
@@ -289,7 +289,7 @@ def check_set(
     """
     with _add_label_to_errors(document.observations):
         readings = ReadingArrays.from_observations(document.observations)
-        measurements = to_measurements(*in_base(document, readings, resolved), robot)
+        measurements = to_measurements(*transform_to_base(document, readings, resolved), robot)
     findings = list(noticed)
     if measurements.unloaded_only is None:  # without a load there is no deflection to inspect
         findings += inspect(robot, measurements, degrees=document.units.angle == "deg", others=others)
@@ -329,7 +329,7 @@ def prepare_set(
     return check_set(
         document,
         robot.robot,
-        own_frame(document),
+        resolve_stated_frame(document),
         [],
         others,
         robot_id=robot_id,
@@ -337,7 +337,7 @@ def prepare_set(
     )
 
 
-def own_frame(document: MeasurementSetDocument) -> ResolvedFrame | None:
+def resolve_stated_frame(document: MeasurementSetDocument) -> ResolvedFrame | None:
     """Return the frame that a set states in numbers; None if the set is in R0.
 
     Raises:
@@ -352,7 +352,7 @@ def own_frame(document: MeasurementSetDocument) -> ResolvedFrame | None:
             remedy="give the frame's rotation and translation, or use a service",
             where="frame.geometry_id",
         )
-    return to_resolved(stated_transform(frame, LENGTH[document.units.length]))
+    return to_resolved_frame(read_stated_transform(frame, LENGTH[document.units.length]))
 
 
 def _read_uploaded_urdf(model: UrdfModel) -> KinematicChain:
@@ -369,7 +369,7 @@ def _read_uploaded_urdf(model: UrdfModel) -> KinematicChain:
         raise RobotError(error.reason, remedy=error.remedy, where=place) from error
 
 
-def without(observations: Sequence[Observation], labels: Collection[str]) -> list[Observation]:
+def leave_out_observations(observations: Sequence[Observation], labels: Collection[str]) -> list[Observation]:
     """Return the observations of a set without those that have some labels.
 
     Raises:

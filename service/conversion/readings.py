@@ -603,7 +603,7 @@ def has_loads(blob: bytes) -> bool:
         return bool((archive["present"] & ~np.isnan(archive["loaded"][..., 0])).any())
 
 
-def hash_of(*texts: str) -> str:
+def hash_texts(*texts: str) -> str:
     """Return the SHA-256, in hexadecimal digits, of texts that are joined by blanks."""
     return hashlib.sha256(" ".join(texts).encode()).hexdigest()
 

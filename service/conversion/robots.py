@@ -90,7 +90,7 @@ def to_postures(robot: Robot, joints: list[list[float]]) -> list[Posture]:
         RequestError: a configuration does not have as many angles as the robot has joints.
     """
     for number, angles in enumerate(joints):
-        refuse_other_angles(robot, angles, f"joints[{number}]")
+        refuse_wrong_joint_count(robot, angles, f"joints[{number}]")
     controller = np.array(joints or [[0.0] * robot.n], dtype=np.float64)
     q = robot.joint_map.model_angles(controller)
     at = Postures(robot, q)
@@ -131,7 +131,7 @@ def joint_factors(robot: Robot, units: Units | GeometryUnits) -> FloatArray:
     return robot.by_kind(ANGLE[units.angle], LENGTH[units.length])
 
 
-def refuse_other_angles(robot: Robot, angles: Sequence[float], where: str) -> None:
+def refuse_wrong_joint_count(robot: Robot, angles: Sequence[float], where: str) -> None:
     """Refuse a posture whose number of angles is not the number of joints.
 
     Raises:
@@ -145,7 +145,7 @@ def refuse_other_angles(robot: Robot, angles: Sequence[float], where: str) -> No
         )
 
 
-def kinds_of(robot: Robot) -> dict[str, JointKind]:
+def joint_kinds_by_name(robot: Robot) -> dict[str, JointKind]:
     """Return the kinds of the joints by name, as results state them: empty if all joints are revolute."""
     return stated_kinds(robot.joint_names, robot.joint_kinds)
 

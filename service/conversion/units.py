@@ -34,7 +34,7 @@ def to_instrument(sheet: StatedInstrument, length: float) -> Instrument:
     )
 
 
-def goal_of_text(text: str) -> dict[str, Any]:
+def parse_goal_text(text: str) -> dict[str, Any]:
     """Parse a goal in words with `parse_goal`; return its document.
 
     Raises:

@@ -162,14 +162,14 @@ def merge_options(
     given = {} if options is None else options.model_dump(mode="json", exclude_unset=True)
     given |= fields
     if isinstance(given.get("units"), str):
-        from jointstiff.service.conversion.arrays import units_of
+        from jointstiff.service.conversion.arrays import parse_units
 
-        given["units"] = units_of(given["units"])
+        given["units"] = parse_units(given["units"])
     if isinstance(given.get("goal"), str):
-        from jointstiff.service.conversion.units import goal_of_text
+        from jointstiff.service.conversion.units import parse_goal_text
 
         with as_campaign_error(""):
-            given["goal"] = goal_of_text(given["goal"])
+            given["goal"] = parse_goal_text(given["goal"])
     return given
 
 

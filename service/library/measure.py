@@ -25,9 +25,9 @@ from jointstiff.schemas.plan import Goal, PlannedReading
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.prepared import (
     PreparedRobot,
-    own_frame,
+    resolve_stated_frame,
     prepare_robot,
-    stated_transform,
+    read_stated_transform,
 )
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.live.campaign import MOST_READINGS, Declared, Entry, LiveCampaign
@@ -110,7 +110,7 @@ class _SetInProcess:
     def __init__(self, robot: PreparedRobot, post: MeasurementSetPost, run: RunOptions) -> None:
         self._document, self._run = robot.document, run
         with as_campaign_error("measurement_set"):
-            resolved = own_frame(post)
+            resolved = resolve_stated_frame(post)
         with as_campaign_error(""):
             self._campaign = LiveCampaign(Declared(robot.robot, post, resolved))
             _ = self._campaign.declared.ahead  # computed now to raise an error for what cannot be measured
@@ -409,7 +409,7 @@ class LiveMeasurement:
         sigma = length * noise if noise else options.sigma or _SIMULATED_SIGMA
         if post.frame is None or post.frame.rotation is None:
             return Setting(self._robot, targets, point, sigma)
-        transform = stated_transform(post.frame, length)
+        transform = read_stated_transform(post.frame, length)
         return Setting(
             self._robot, targets, point, sigma, (transform.rotation, np.asarray(transform.translation))
         )

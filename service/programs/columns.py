@@ -71,7 +71,7 @@ class Cause(NamedTuple):
     shows: str = ""  # name of the frame whose numbers are not known
 
 
-class Given(NamedTuple):
+class WrittenNumbers(NamedTuple):
     """Numbers in the text of a program that a name holds or a move uses."""
 
     label: str  # name that holds the numbers; empty without a name
@@ -105,7 +105,7 @@ class Columns:
         self._names: list[str] = []
         self._moves = array("q")  # rows of line, motion, count of visits up to the end
         self._visits = array("q")
-        self._doubts: dict[int, Cause] = {}  # targets whose numbers have to stay, and why
+        self._target_causes: dict[int, Cause] = {}  # targets whose numbers have to stay, and why
 
     def restore_spelling(self, text: str, source: int, line: int) -> str:
         """Return a text with names as the program spells them near a line; quotations stay as they are."""
@@ -137,7 +137,7 @@ class Columns:
         raise ProgramError([Fault(self._sources[0].name, line, reason, remedy)])
 
     def add_move(
-        self, op: Move, line: int, targets: Sequence[Given], frames: Sequence[Frames], cause: Cause | None
+        self, op: Move, line: int, targets: Sequence[WrittenNumbers], frames: Sequence[Frames], cause: Cause | None
     ) -> None:
         """Add a move with its targets, or note that it is left.
 
@@ -164,7 +164,7 @@ class Columns:
         self._left.append((ReadMove(line, names, base, tool, reason, cause.remedy), cause))
         for target in targets:
             if target.label:
-                self._doubts.setdefault(self._index_target(target, None, line), cause)
+                self._target_causes.setdefault(self._index_target(target, None, line), cause)
 
     def add_moves(self, op: Move, source: int, lines: IndexArray, first: IndexArray, frames: Frames) -> None:
         """Add k moves that differ only in the numbers of their single target.
@@ -192,7 +192,7 @@ class Columns:
         self._visits.frombytes(index.tobytes())
         self._names += [""] * len(lines)
 
-    def _index_target(self, target: Given, frames: Frames | None, used: int) -> int:
+    def _index_target(self, target: WrittenNumbers, frames: Frames | None, used: int) -> int:
         """Return the index of a target, which is added if its numbers are new.
 
         A target that is used with two bases or two tools is doubted. `used` is the line of its use.
@@ -213,7 +213,7 @@ class Columns:
         elif frames is not None and (base, tool) != (self._targets[row + 5], self._targets[row + 6]):
             other = f"used with another base or tool on line {self._targets[row + 3]}"
             remedy = "use a separate target for each base and tool: one correction cannot suit both"
-            self._doubts.setdefault(index, Cause(used, f"target {shown(target.label)} is {other}", remedy))
+            self._target_causes.setdefault(index, Cause(used, f"target {shown(target.label)} is {other}", remedy))
         return index
 
     def _index_frame(self, role: str, frame: FrameName | Cause | None) -> int:
@@ -240,12 +240,12 @@ class Columns:
             if name in used and name:
                 use = f"the numbers of {shown(name)} are used on line {used[name]}, too"
                 reason = f"{use}, where it is not certain what they mean"
-                self._doubts.setdefault(index, Cause(0, reason, "use a separate target for it"))
+                self._target_causes.setdefault(index, Cause(0, reason, "use a separate target for it"))
         self._names = [name.partition(OF)[0] if name else name for name in self._names]
         rows = _reshape_rows(self._targets, _WIDTH)
         targets = self._fill_targets(rows, external_axes)
         moves = _sort_moves(Moves(*_reshape_rows(self._moves, 3), *_reshape_rows(self._visits, 1)))
-        kept = self._corrected_moves(targets, moves)
+        kept = self._find_corrected_moves(targets, moves)
         left = sorted(self._left, key=lambda each: each[0].line)
         left_moves = tuple(each for each, _ in left)
         faults = [self._build_fault(cause) for _, cause in left]
@@ -257,7 +257,7 @@ class Columns:
         if not kept.any():
             raise ProgramError(faults, left=left_moves)
         if left:
-            moves, targets = _keep_moves(moves, targets, kept)
+            moves, targets = _select_moves(moves, targets, kept)
         remarks = tuple(sorted(self._remarks, key=lambda each: each.line))
         return Program(self._format, self._sources, targets, moves, remarks, left_moves, tuple(faults))
 
@@ -266,13 +266,13 @@ class Columns:
         reason = self.restore_spelling(cause.reason, cause.source, cause.line)
         return Fault(self._sources[cause.source].name, cause.line, reason, cause.remedy)
 
-    def _corrected_moves(self, targets: Targets, moves: Moves) -> BoolArray:
+    def _find_corrected_moves(self, targets: Targets, moves: Moves) -> BoolArray:
         """Return a mask (k,) of the moves that can be corrected; note the others as left.
 
         A move to a doubted target is left; its other targets are then doubted, too, and so on.
         """
         doubted = np.zeros(len(targets), dtype=np.bool_)
-        doubted[list(self._doubts)] = True
+        doubted[list(self._target_causes)] = True
         while True:
             left = np.zeros(len(moves), dtype=np.bool_)
             left[moves.of_visit[doubted[moves.visits]]] = True
@@ -284,7 +284,7 @@ class Columns:
         begins = np.append(0, moves.ends[:-1])
         for i in np.flatnonzero(left).tolist():
             own, line = moves.visits[begins[i] : moves.ends[i]].tolist(), int(moves.line[i])
-            known = next((self._doubts[each] for each in own if each in self._doubts), None)
+            known = next((self._target_causes[each] for each in own if each in self._target_causes), None)
             reason = (
                 self.restore_spelling(known.reason, 0, line)
                 if known
@@ -335,20 +335,20 @@ class Columns:
                     unlike[block[own]] = ~notation.states(read[own])
                 others = read[:, _STATED:_AXES]
                 axes[block], steady[block] = np.where(others > _NO_AXIS, np.nan, others), read[:, _AXES:]
-        away, moved = _external_axes(axes, external_axes)
+        away, moved = _find_external_axes(axes, external_axes)
         for faults, reason, remedy in (
             (out, f"a number of a target is out of range, beyond {MAX_VALUE:g}", _WRITE_ANEW),
             (unlike, "a quaternion or an axis is not of unit length", _WRITE_ANEW),
-            (_changed_axes(steady), "tool or base changes", "send a table for each of them"),
+            (_find_changed_numbers(steady), "the tool or the base changes within the table", "send a table for each of them"),
             (away, _AWAY, _CARRY_NOTHING),
             (moved | crowded[known], "an external axis or another group moves", _CARRY_NOTHING),
         ):
             for i in np.flatnonzero(faults).tolist():
-                self._doubts.setdefault(i, Cause(int(line[i]), reason, remedy))
+                self._target_causes.setdefault(i, Cause(int(line[i]), reason, remedy))
         return targets
 
 
-def _external_axes(axes: FloatArray, known: ExternalAxes) -> tuple[BoolArray, BoolArray]:
+def _find_external_axes(axes: FloatArray, known: ExternalAxes) -> tuple[BoolArray, BoolArray]:
     """Return two masks (t,): targets with external axes away from zero; targets that move one.
 
     Both are false where external axes carry nothing, the first also where they are joints of the robot. An
@@ -357,13 +357,13 @@ def _external_axes(axes: FloatArray, known: ExternalAxes) -> tuple[BoolArray, Bo
     stated, none = np.nan_to_num(axes), np.zeros(len(axes), dtype=np.bool_)
     is_away: BoolArray = np.abs(stated) > _AXIS_ROUNDING
     away: BoolArray = np.asarray((is_away | (np.isnan(axes) & is_away.any(axis=0))).any(axis=1))
-    moved = _changed_axes(stated)
+    moved = _find_changed_numbers(stated)
     if known is ExternalAxes.CARRY_NOTHING:
         return none, none
     return (none if known is ExternalAxes.OF_ROBOT else away), moved
 
 
-def _changed_axes(numbers: FloatArray) -> BoolArray:
+def _find_changed_numbers(numbers: FloatArray) -> BoolArray:
     """Return a mask (t,) of the targets whose numbers (t, k) differ from those of the first target."""
     known = np.nan_to_num(numbers)
     return np.asarray((~(np.abs(known - known[:1]) <= _AXIS_ROUNDING)).any(axis=1), dtype=np.bool_)
@@ -378,7 +378,7 @@ def _sort_moves(moves: Moves) -> Moves:
     return Moves(moves.line[order], moves.motion[order], np.cumsum(counts[order]), visits)
 
 
-def _keep_moves(moves: Moves, targets: Targets, kept: BoolArray) -> tuple[Moves, Targets]:
+def _select_moves(moves: Moves, targets: Targets, kept: BoolArray) -> tuple[Moves, Targets]:
     """Return the moves of a mask `kept` (k,), and the targets of these moves, with new indices."""
     visits = moves.visits[kept[moves.of_visit]]
     rows, places = np.unique(visits, return_inverse=True)

@@ -77,7 +77,7 @@ def _translate_conditional_action(line: Line) -> list[Op]:
     return [*given, ir.Flow("if"), *line.language.apply_rules(action), ir.Flow("close")]
 
 
-def _names_used(line: Line) -> list[Op]:
+def _translate_quiet_instruction(line: Line) -> list[Op]:
     """Return the operations of an instruction's value, such as an expression, `ON` or `PULSE,0.2sec`."""
     value = line["value"].replace("!", "")
     return line.read_expression(value) if value and not re.fullmatch(r"PULSE,\0 ?(?:sec)?", value) else []
@@ -86,10 +86,10 @@ def _names_used(line: Line) -> list[Op]:
 def _translate_position_change(line: Line) -> list[Op]:
     """Return the operation of an assignment to a position P[n], whose numbers are not known any more."""
     name: ir.Name = ("P[%s]", line.first_ordinal("place")) if line["place"] else "P"
-    return [ir.Havoc(frozenset({name}), "the position changes while the program runs", _REMEDY)]
+    return [ir.MakeUnknown(frozenset({name}), "the position changes while the program runs", _REMEDY)]
 
 
-def _leaves_target(tail: str) -> bool:
+def _is_known_tail(tail: str) -> bool:
     """Return whether the text after a target, apart from offsets, is known not to move the target."""
     return _TAIL.fullmatch(_OFFSET.sub("", tail).strip()) is not None
 
@@ -104,7 +104,7 @@ def _translate_move(line: Line) -> list[Op]:
     if bool(line["second"]) != (letter == "C"):
         raise Misread("an arc has two positions, another move has one; its second one is on the next line")
     offset = _OFFSET.search(tail)
-    if not _leaves_target(tail):
+    if not _is_known_tail(tail):
         what = "the text after the target moves it, or is unknown"
         raise Misread(f"{what}; the position in /POS alone does not give the target")
     ordinals = line.ordinals[: 1 + bool(line["second"])]
@@ -127,7 +127,7 @@ def _translate_register_move(line: Line) -> list[Op]:
     Raises:
         Misread: the text after the target is unknown, or calls a routine.
     """
-    if not _leaves_target(line["tail"]) or "CALL" in line["tail"]:
+    if not _is_known_tail(line["tail"]) or "CALL" in line["tail"]:
         raise Misread("the target is not a position in /POS, and the text after it is unknown")
     what = ir.quote_statement(line.text, line.ordinals)
     return ir.leave_move([], f"{what}: the target is not a position in /POS", _REMEDY)
@@ -140,7 +140,7 @@ def _translate_frame_change(line: Line) -> list[Op]:
     """
     reason = f"{ir.quote_statement(line.text, line.ordinals)}: the frame changes while the program runs"
     remedy = "set frames before the program, not in it: all of its moves have to know them"
-    return [ir.Havoc(frozenset(), reason, remedy, anytime=True)]
+    return [ir.MakeUnknown(frozenset(), reason, remedy, anytime=True)]
 
 
 def _refuse_computed_frame(_line: Line) -> list[Op]:
@@ -177,7 +177,7 @@ def _declare_position(line: Line) -> list[Op]:
         # Manual, chapter 4: other programs cannot change the positions of this one.
         ops: list[Op] = [ir.Assign(name, _arm_position(own, others), "variable", own=True)]
     except Misread as fault:
-        return [ir.Havoc(frozenset({name}), fault.reason, fault.remedy)]
+        return [ir.MakeUnknown(frozenset({name}), fault.reason, fault.remedy)]
     for kind, active in (("UF", "UFRAME_NUM"), ("UT", "UTOOL_NUM")):
         frame = (f"{kind} %s", own[kind][0][0]) if own[kind][0] else active
         ops.append(ir.Assign((f"P[%s].{kind}", number), ir.Named(frame), "constant"))
@@ -268,11 +268,11 @@ def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
         machine.refuse(None, "the file has no /MN and /POS", remedy)
     end = sections["END"] - len("/END") if "END" in sections else len(source.text)
     positions = _find_positions(machine, source, sections["POS"], end)
-    machine.add(0, *_split_spans(positions), translate=_POINTS.translate)
-    machine.add(0, *_split_spans(spans))
+    machine.add(0, *_spans_to_arrays(positions), translate=_POINTS.translate)
+    machine.add(0, *_spans_to_arrays(spans))
 
 
-def _split_spans(spans: list[tuple[int, int]]) -> tuple[IndexArray, IndexArray]:
+def _spans_to_arrays(spans: list[tuple[int, int]]) -> tuple[IndexArray, IndexArray]:
     """Return the starts and the ends of spans as two arrays."""
     starts, ends = np.array(spans, dtype=np.intp).reshape(-1, 2).T
     return starts, ends
@@ -351,7 +351,7 @@ LANGUAGE: Final = ir.Language(
         (r"(?:WAIT ?(.+?) ?TIMEOUT,|JMP )LBL ?\[(?P<label>.*)\]", _translate_jump),
         (rf"(?:IF ?(.+?)|SELECT ?(?P<which>.+?)|=(.+?)|ELSE),{_LOGIC}", _translate_conditional_action),
         (r"(?:CALL|RUN|MONITOR) (?P<name>\w++)(?:\((.*)\))?", lambda line: [ir.Call(line["name"])]),
-        (_QUIET, _names_used),
+        (_QUIET, _translate_quiet_instruction),
         (r"(?:.*\W)?\$?(?:MN)?(?:UFRAME|UTOOL)(?:\[.*\])?=.*", _translate_frame_change),
         (r".*(?:UFRAME|UTOOL).*", _refuse_computed_frame),
         (r"P\[#{place}(?:,\0)?\]=.*|(?:(?!(?<!\w)P\[).)*P\[[^=]*=.*", _translate_position_change),

@@ -61,13 +61,13 @@ def read_program(
     chosen = name or next((each for each, known in FORMATS.items() if suffix in known.suffixes.split()), "")
     if suffix in _NOT_READ and name is None:
         remedy = "write it in the controller's own language, or as a table of targets (CSV)"
-        _refuse(files[0][0], None, "programs of CNC, APT and CLS are not read", remedy)
+        _refuse(files[0][0], None, "programs in the formats CNC, APT and CLS cannot be read", remedy)
     if chosen not in FORMATS:
         reason = "the file's name does not show the format"
         _refuse(files[0][0], None, reason, f"give `format`: one of {', '.join(FORMATS)}")
     if len(files) > (3 if chosen == "krl" else 1):
         remedy = "send one program; with KUKA's .src its .dat and $config.dat"
-        _refuse(files[-1][0], None, "there are more files than one program has", remedy)
+        _refuse(files[-1][0], None, "more files were sent than one program has", remedy)
     if sum(len(content) for _, content in files) > MAX_PROGRAM_BYTES:
         _refuse(files[0][0], None, f"more than {MAX_PROGRAM_BYTES // 2**20} MiB", "split the program")
     ordered = sorted(files, key=lambda file: file[0].lower().endswith(".dat"))  # moves are of the first file
@@ -130,7 +130,7 @@ def _read_source(name: str, content: bytes) -> Source:
         _refuse(name, source.line(place), reason, remedy)
     for i in np.flatnonzero(source.ends - source.starts > MAX_LINE).tolist():
         if len(source.text[source.starts[i] : source.ends[i]].rstrip("\r\n")) > MAX_LINE:
-            reason = f"a line of more than {MAX_LINE} characters"
+            reason = f"a line has more than {MAX_LINE} characters"
             _refuse(name, i + 1, reason, "break it into several lines")
     return source
 
@@ -144,7 +144,7 @@ def _refuse(file: str, line: int | None, reason: str, remedy: str) -> None:
     raise ProgramError((Fault(file if file.isprintable() else shown(file), line, reason, remedy),), 1)
 
 
-def frame_notation(program: Program) -> Notation:
+def choose_frame_notation(program: Program) -> Notation:
     """Return the notation in which users of the program's format write frames.
 
     A format without one uses the notation of the program's poses, else that of KUKA.

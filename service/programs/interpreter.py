@@ -19,7 +19,7 @@ from typing import Final, NoReturn, TypeAlias
 import numpy as np
 
 from jointstiff.service.programs import language as ir
-from jointstiff.service.programs.columns import MAX_VALUE, OF, Cause, Columns, Frames, Given
+from jointstiff.service.programs.columns import MAX_VALUE, OF, Cause, Columns, Frames, WrittenNumbers
 from jointstiff.service.programs.errors import CONSTANT, Fault, ProgramError, shown
 from jointstiff.service.programs.language import Language, Misread, Name, Op, Value
 from jointstiff.service.programs.notation import Numerals
@@ -38,9 +38,9 @@ _MAX_CALLS: Final = 200
 UNKNOWN: Final = "\0everything"
 """Name in a state behind an unknown call: its value is the cause why values of other names are unknown."""
 
-Held: TypeAlias = Given | Cause | str
+Content: TypeAlias = WrittenNumbers | Cause | str
 """Value of a name: numbers, a cause why they are unknown, or a name if only that is known."""
-State: TypeAlias = dict[str, tuple[Held, int]]
+State: TypeAlias = dict[str, tuple[Content, int]]
 """Value of each name, and the line that gave the value."""
 
 
@@ -101,9 +101,9 @@ class _Nest:
 
     kind: str
     begin: int  # index of the operation that begins it
-    turns: list[int] = field(default_factory=list)  # where its other branches begin
-    leaves: list[int] = field(default_factory=list)  # where it is left, or begun anew
-    whole: bool = False  # whether one of its branches is always taken, as with a default
+    other_branches: list[int] = field(default_factory=list)  # where its other branches begin
+    exits: list[int] = field(default_factory=list)  # where it is left, or begun anew
+    has_default: bool = False  # whether one of its branches is always taken, as with a default
 
 
 class ControlFlow:
@@ -122,11 +122,11 @@ class ControlFlow:
         Raises:
             UnmatchedEnd: a beginning has no end, or an end has no beginning.
         """
-        self.leads: defaultdict[int, list[int]] = defaultdict(list)  # successors besides the next one
+        self.successors: defaultdict[int, list[int]] = defaultdict(list)  # successors besides the next one
         self.begins: dict[str, int] = {}  # index of the beginning of each routine
         self.ends: dict[int, str] = {}  # routine by the index of its end
         self.routine: list[str] = []  # routine of each operation
-        self.aside: set[str] = set()  # routines that may run at any time
+        self.anytime_routines: set[str] = set()  # routines that may run at any time
         self.shared: set[str] = set()  # routines that other programs may call
         self._names, self._nests, self._open = names, list[_Nest](), [""]
         self._labels: dict[str, dict[str, int]] = defaultdict(dict)  # indices of labels, by routine
@@ -145,7 +145,7 @@ class ControlFlow:
         for i, name in enumerate(self.routine):
             self.bodies[name].append(i)
         self._link_jumps(names)
-        if any(not names[self.begins[handler]] for handler in self.aside):
+        if any(not names[self.begins[handler]] for handler in self.anytime_routines):
             self._add_error_exits()
 
     def _link_jumps(self, names: list[str]) -> None:
@@ -159,7 +159,7 @@ class ControlFlow:
             places = [labels[names[i]]] if names[i] in labels else [*labels.values()]
             if not places:
                 raise UnmatchedEnd(i, "the label of a jump does not exist", "write the label")
-            self.leads[i] += places
+            self.successors[i] += places
 
     def _add_error_exits(self) -> None:
         """Let each operation lead to the end of its routine.
@@ -168,7 +168,7 @@ class ControlFlow:
         """
         for end, name in self.ends.items():
             for i in self.bodies[name][:-1]:
-                self.leads[i].append(end)
+                self.successors[i].append(end)
 
     def _take_operation(self, i: int, op: ir.Flow) -> None:
         """Take the operation with index i into the control flow.
@@ -190,7 +190,7 @@ class ControlFlow:
         elif op.kind in {"leave", "return"}:
             kinds = {"routine"} if op.kind == "return" else {"loop", "repeat", "routine"}
             for nest in [each for each in self._nests if each.kind in kinds][-1:]:
-                nest.leaves.append(i)
+                nest.exits.append(i)
         else:
             self._end_block(i, op.kind)
 
@@ -204,7 +204,7 @@ class ControlFlow:
         if name in self.begins:
             raise UnmatchedEnd(i, "a routine is defined twice", "send one program")
         self.begins[name] = i
-        self.aside |= {name} if op.kind == "aside" else set()
+        self.anytime_routines |= {name} if op.kind == "aside" else set()
         self.shared |= {name} if op.shared else set()
         self._open.append(name)
         return _Nest("routine", i)
@@ -217,23 +217,23 @@ class ControlFlow:
         """
         nest = self._nests[-1] if self._nests else None
         if nest is None or (kind != "any" and (kind == "end") != (nest.kind == "routine")):
-            reason = "here ends a branch, a loop or a routine that did not begin"
+            reason = "this line ends a branch, a loop or a routine that does not begin before it"
             raise UnmatchedEnd(i, reason, "write both ends of branches, loops and routines")
         if kind in {"turn", "default"}:
-            nest.turns.append(i)
-            nest.whole |= kind == "default"
+            nest.other_branches.append(i)
+            nest.has_default |= kind == "default"
             return
         self._nests.pop()
         if nest.kind == "routine":
             self.ends[i] = self._open.pop()
-        for place in (*nest.turns, *nest.leaves):
-            self.leads[place].append(i)
-        self.leads[nest.begin] += nest.turns
-        if nest.kind in {"if", "loop"} and not nest.whole:
-            self.leads[nest.begin].append(i)
+        for place in (*nest.other_branches, *nest.exits):
+            self.successors[place].append(i)
+        self.successors[nest.begin] += nest.other_branches
+        if nest.kind in {"if", "loop"} and not nest.has_default:
+            self.successors[nest.begin].append(i)
         if nest.kind in {"loop", "repeat"}:
-            for place in (i, *nest.leaves):
-                self.leads[place].append(nest.begin)
+            for place in (i, *nest.exits):
+                self.successors[place].append(nest.begin)
 
 
 class Machine:
@@ -252,12 +252,12 @@ class Machine:
         """
         self.sources, self._language = sources, language
         self._allowed = frozenset(each.upper() for each in allowed)
-        self.numerals = [Numerals.of(source.text, language.number) for source in sources]
+        self.numerals = [Numerals.from_text(source.text, language.number) for source in sources]
         self.columns = Columns(kind, sources, self.numerals, folded=language.folded)
         self._ops, self._places = list[Op](), list[Place]()
         self._scopes, self._closed = [Scope("")], Scope("")
-        self._initial: dict[str, Held] = {}  # values of names before the program runs
-        self._steady: set[str] = set()  # names that no other program changes
+        self._initial: dict[str, Content] = {}  # values of names before the program runs
+        self._constants: set[str] = set()  # names that no other program changes
         self._shared: set[str] = set()  # names that other programs use, too
         self._own: set[str] = set()  # names that no other program knows
         self._changes: dict[str, list[Cause]] = defaultdict(list)  # statements that may change each name
@@ -277,7 +277,7 @@ class Machine:
         self._state_changed = True  # whether a state has changed in this pass
         self._repeats: dict[int, array[int]] = defaultdict(partial(array, "q"))  # lines and first numbers
         self._named: dict[str, FrameName] = {}  # frames that are known by name
-        self._poses: dict[tuple[Given, ...], FloatArray | None] = {}
+        self._poses: dict[tuple[WrittenNumbers, ...], FloatArray | None] = {}
         self._work = 0
 
     # reading
@@ -306,7 +306,7 @@ class Machine:
             starts: (k,) first character of each statement.
             ends: (k,) last character + 1 of each statement.
             declares: kind of the declarations in a file of data, which hold from the beginning; else "".
-            translate: function that translates the shape of a statement; that of the language by default.
+            translate: function that translates the masked of a statement; that of the language by default.
 
         Raises:
             ProgramError: a statement is too long, or not understood at all.
@@ -314,21 +314,21 @@ class Machine:
         self._scopes = [Scope("")]
         translate = translate or self._language.translate
         lines = np.searchsorted(self.sources[source].starts, starts, side="right")
-        shapes, first = self.numerals[source].shapes(starts, ends)
+        masked_texts, first = self.numerals[source].masked_texts(starts, ends)
         if (long := np.flatnonzero(ends - starts > _MAX_STATEMENT)).size:
-            reason = f"a statement of more than {_MAX_STATEMENT} characters"
+            reason = f"a statement has more than {_MAX_STATEMENT} characters"
             self.refuse(int(lines[long[0]]), reason, "split it", source)
         known: dict[str, list[tuple[int, Op]]] = {}
         last: list[tuple[int, Op]] | None = None  # move before, if the next one may differ in numbers only
-        for shape, line, number in zip(shapes, lines.tolist(), first.tolist(), strict=True):
-            ops = known.get(shape)
+        for masked, line, number in zip(masked_texts, lines.tolist(), first.tolist(), strict=True):
+            ops = known.get(masked)
             if ops is None:
                 try:
-                    ops = translate(shape)
+                    ops = translate(masked)
                 except Misread as fault:
                     self.refuse(line, fault.reason, fault.remedy, source)
                 if len(known) < _MAX_SHAPES:
-                    known[shape] = ops
+                    known[masked] = ops
             if ops is last:
                 self._repeats[len(self._ops) - 1].extend((line + ops[-1][0], number))
                 continue
@@ -378,11 +378,11 @@ class Machine:
         name = place.qualify(op.name)
         self._shared |= {name} if op.shared or kind == "shared" else set()
         self._own |= {_name_of_whole(name)} if op.own else set()
-        held = self._evaluate(place, name, op.value, {})
-        if self._initial.setdefault(name, held) != held:
+        content = self._evaluate(place, name, op.value, {})
+        if self._initial.setdefault(name, content) != content:
             self._initial[name] = place.cause(f"{name} is declared twice")
         if kind == "constant":
-            self._steady.add(name)
+            self._constants.add(name)
 
     # what holds for all of the program
 
@@ -393,15 +393,15 @@ class Machine:
                 name = place.qualify(op.name)
                 self._changes[name].append(place.cause(f"it gets numbers on line {place.line}"))
         for place, op in zip(self._places, self._ops, strict=True):
-            if isinstance(op, ir.Havoc):
-                self._collect_havoc(place, op)
+            if isinstance(op, ir.MakeUnknown):
+                self._collect_unknown_values(place, op)
             elif isinstance(op, ir.Call) and not (op.quiet and op.name not in self._flow.begins):
                 self._collect_call(place, op)
         self._summarise_routines()
-        for name in self._flow.aside:
+        for name in self._flow.anytime_routines:
             self._anytime.update(self._changed[name])
 
-    def _collect_havoc(self, place: Place, op: ir.Havoc) -> None:
+    def _collect_unknown_values(self, place: Place, op: ir.MakeUnknown) -> None:
         """Collect the changes by a statement that gives unknown values."""
         cause = place.cause(op.reason, op.remedy)
         self._causes.append(cause)
@@ -416,12 +416,12 @@ class Machine:
         cause = place.cause(f"{shown(str(op.name))} gets it as an argument, and may change it")
         for passed in map(place.scope.qualify, op.passed):
             self._changes[passed].append(cause)
-            self._anytime.update(dict.fromkeys(self._with_parts(passed), cause))
+            self._anytime.update(dict.fromkeys(self._list_name_and_fields(passed), cause))
         if op.name in self._flow.begins:
-            self._flow.aside |= {str(op.name)} if op.attached else set()
+            self._flow.anytime_routines |= {str(op.name)} if op.attached else set()
         elif isinstance(op.name, tuple) and place.qualify(op.name) in self._changes:
             pass  # an interrupt that the program declares: its routine is collected at the declaration
-        elif unknown := self._why_unknown(place, op):
+        elif unknown := self._explain_unknown_call(place, op):
             self._causes.append(unknown)
             self._earlier = self._earlier or unknown
             if op.attached:
@@ -430,7 +430,7 @@ class Machine:
             statement = "the request states that it neither moves the robot nor changes frames"
             self.columns.add_remark(place.line, f"{op.name} is called; {statement}")
 
-    def _why_unknown(self, place: Place, op: ir.Call) -> Cause | None:
+    def _explain_unknown_call(self, place: Place, op: ir.Call) -> Cause | None:
         """Return the cause why values are unknown behind a call; None if the routine is known or allowed."""
         name = place.qualify(op.name)
         if op.quiet or name.upper() in self._allowed:
@@ -438,12 +438,12 @@ class Machine:
         reason = f"{shown(name)} is unknown: it may move the robot or change its frames"
         return place.cause(reason, f"if it does neither, name it in `leave_alone`: [{shown(name)}]")
 
-    def _with_parts(self, name: str) -> list[str]:
+    def _list_name_and_fields(self, name: str) -> list[str]:
         """Return a name, and the names of all fields that it may have."""
         whole, of, routine = name.partition(OF)
         return [name, *(f"{whole}{part}{of}{routine}" for part in self._language.parts)]
 
-    def _is_own(self, op: ir.Call) -> bool:
+    def _is_direct_call(self, op: ir.Call) -> bool:
         """Return whether an operation calls a routine of the program directly, not by an event."""
         return op.name in self._flow.begins and not op.attached
 
@@ -451,15 +451,15 @@ class Machine:
         """Find the names that each routine may change, itself or by the routines that it calls."""
         callers = self._callers
         for i, op in enumerate(self._ops):
-            routine, state = self._flow.routine[i], dict[str, tuple[Held, int]]()
-            if isinstance(op, ir.Call) and self._is_own(op):
+            routine, state = self._flow.routine[i], dict[str, tuple[Content, int]]()
+            if isinstance(op, ir.Call) and self._is_direct_call(op):
                 callers[str(op.name)].add(routine)
             else:
                 self._update_state(state, i)
-            for name, (held, line) in state.items():
+            for name, (content, line) in state.items():
                 reason = f"{name} changes while the program runs"
                 cause = Cause(line, reason, "give it once, in numbers", self._places[i].source)
-                self._changed[routine][name] = held if isinstance(held, Cause) else cause
+                self._changed[routine][name] = content if isinstance(content, Cause) else cause
         waiting = [*self._changed]
         while waiting:
             routine = waiting.pop()
@@ -472,14 +472,14 @@ class Machine:
 
     def _enter_routines(self) -> None:
         """Set the states in which the main routine, and routines that others may call, begin."""
-        main = next((name for name in self._flow.begins if name not in self._flow.aside), "")
+        main = next((name for name in self._flow.begins if name not in self._flow.anytime_routines), "")
         if main and (self._language.callers or main not in self._callers):
             self._anytime.update(self._changed[""])
         for name, begin in self._flow.begins.items():
             called = name in self._callers
             if self._language.callers or (name == main and not called):
                 self._incoming[begin] = {}
-            elif not called or name in self._flow.aside | self._flow.shared:
+            elif not called or name in self._flow.anytime_routines | self._flow.shared:
                 reason = f"{shown(name)} may be called from elsewhere, with the frames of its caller"
                 cause = Cause(0, reason, "set the frames in the routine, before its moves")
                 self._incoming[begin] = {UNKNOWN: (cause, 0)}
@@ -491,13 +491,13 @@ class Machine:
         self._open.append(routine)
         for i in indices:
             op = self._ops[i]
-            if isinstance(op, ir.Move | ir.Keep):
-                self._judge_move(op, i, state)
+            if isinstance(op, ir.Move | ir.MoveToStored):
+                self._record_move(op, i, state)
                 continue
             self._count_work(1)
             if isinstance(op, ir.Flow):
-                state, shared = self._lead_onward(op, i, state), True
-            elif state is not None and isinstance(op, ir.Call) and self._is_own(op):
+                state, shared = self._pass_to_successors(op, i, state), True
+            elif state is not None and isinstance(op, ir.Call) and self._is_direct_call(op):
                 state, shared = self._follow_call(str(op.name), state), True
             elif state is not None:
                 if shared:
@@ -508,17 +508,17 @@ class Machine:
         self._state_changed |= self._exits.get(routine) != state
         self._exits[routine] = state
 
-    def _lead_onward(self, op: ir.Flow, i: int, state: State | None) -> State | None:
+    def _pass_to_successors(self, op: ir.Flow, i: int, state: State | None) -> State | None:
         """Lead a state from operation i to its successors; return the state behind the operation."""
-        for place in self._flow.leads.get(i, ()):
-            self._lead_to(place, state)
+        for place in self._flow.successors.get(i, ()):
+            self._join_into(place, state)
         if op.kind in {"routine", "aside", "turn", "default"}:
             state = None
         return self._join_states(self._incoming.get(i), state)
 
     def _follow_call(self, routine: str, state: State) -> State | None:
         """Return the state behind a call; None if the routine's end was not reached yet."""
-        is_new = self._lead_to(self._flow.begins[routine], state)
+        is_new = self._join_into(self._flow.begins[routine], state)
         if is_new and routine not in self._open and len(self._open) < _MAX_CALLS:
             self._propagate_through(routine, self._state_operations[routine])
         returned, changed = self._exits.get(routine), self._changed[routine]
@@ -529,7 +529,7 @@ class Machine:
         self._count_work(len(changed))
         return {**state, **{name: self._value_and_line(returned, name) for name in changed}}
 
-    def _lead_to(self, place: int, state: State | None) -> bool:
+    def _join_into(self, place: int, state: State | None) -> bool:
         """Join a state with the states that lead to a place; return whether the place's state changed."""
         known = self._incoming.get(place)
         joined = self._join_states(known, state)
@@ -546,8 +546,8 @@ class Machine:
         joined = dict(known)
         self._count_work(len(state) + len(known))
         for name in {**known, **state}:
-            (held, line), (other, later) = (self._value_and_line(each, name) for each in (known, state))
-            if held != other and not isinstance(held, Cause):
+            (content, line), (other, later) = (self._value_and_line(each, name) for each in (known, state))
+            if content != other and not isinstance(content, Cause):
                 what = "whatever an unknown routine may change" if name == UNKNOWN else name
                 reason = f"{what} changes while the program runs: by a branch, a loop or a call"
                 cause = Cause(max(line, later), reason, "set it once, before branches, loops and calls")
@@ -566,64 +566,64 @@ class Machine:
         if isinstance(op, ir.Assign):
             name = place.qualify(op.name)
             state[name] = self._evaluate(place, name, op.value, state), place.line
-        elif isinstance(op, ir.Havoc):
+        elif isinstance(op, ir.MakeUnknown):
             cause = place.cause(op.reason, op.remedy)
             if not op.names:
                 self._forget_names(state, cause)
             for each in map(place.qualify, op.names):
-                state.update(dict.fromkeys(self._with_parts(each), (cause, place.line)))
-        elif isinstance(op, ir.Call) and not op.attached and (unknown := self._why_unknown(place, op)):
+                state.update(dict.fromkeys(self._list_name_and_fields(each), (cause, place.line)))
+        elif isinstance(op, ir.Call) and not op.attached and (unknown := self._explain_unknown_call(place, op)):
             self._forget_names(state, unknown)
 
     def _forget_names(self, state: State, cause: Cause) -> None:
         """Forget the values of all names that an unknown routine may change, for a cause."""
-        for name in [name for name in state if not self._is_steady(name)]:
+        for name in [name for name in state if not self._is_protected(name)]:
             del state[name]
         state[UNKNOWN] = cause, cause.line
 
-    def _is_steady(self, name: str) -> bool:
+    def _is_protected(self, name: str) -> bool:
         """Return whether no unknown routine can change the value of a name."""
-        own = _name_of_whole(name) in self._own and not self._changed_by(name)
-        return own or name in self._steady or OF in name
+        own = _name_of_whole(name) in self._own and not self._find_changes(name)
+        return own or name in self._constants or OF in name
 
-    def _changed_by(self, name: str) -> list[Cause]:
+    def _find_changes(self, name: str) -> list[Cause]:
         """Return the causes that change a name, else its structure, else its array."""
         among = name, _name_of_whole(name), name.partition("[")[0]
         return next((changes for each in among if (changes := self._changes.get(each))), [])
 
-    def _evaluate(self, place: Place, name: str, value: Value, state: State) -> Held:
+    def _evaluate(self, place: Place, name: str, value: Value, state: State) -> Content:
         """Return the value that a name gets by an assignment at a place, in a state."""
         if isinstance(value, Literal):
-            return Given(name, place.source, place.line, place.first, value)
-        held: Held = place.qualify(value.name)
-        if "\0" in held:
+            return WrittenNumbers(name, place.source, place.line, place.first, value)
+        content: Content = place.qualify(value.name)
+        if "\0" in content:
             return place.cause("the number of a frame is not a whole number")
         # The value of another name is looked up once, and once more if that name holds a name.
         for _ in range(isinstance(value, ir.Copy) + (isinstance(value, ir.Copy) and value.through)):
-            if isinstance(held, str):
-                held = self._value_and_line(state, held)[0]
-        return held
+            if isinstance(content, str):
+                content = self._value_and_line(state, content)[0]
+        return content
 
-    def _value_and_line(self, state: State, name: str) -> tuple[Held, int]:
+    def _value_and_line(self, state: State, name: str) -> tuple[Content, int]:
         """Return the value of a name in a state, and the line that gave the value."""
         if name == UNKNOWN:
             return state.get(name, ("", 0))
         if _name_of_whole(name) in self._language.constants:
             return name, 0
-        steady = self._is_steady(name)
-        held: Held | None = self._anytime.get(name) or (None if steady else self._anytime.get(UNKNOWN))
-        if held is None and name in state:
+        steady = self._is_protected(name)
+        content: Content | None = self._anytime.get(name) or (None if steady else self._anytime.get(UNKNOWN))
+        if content is None and name in state:
             return state[name]
-        if held is None and UNKNOWN in state and not steady:
-            held = state[UNKNOWN][0]
-        held = held or self._initial_value(name, steady=steady)
-        if isinstance(held, Cause) and self._language.is_frame(name):
-            held = held._replace(shows=name)
-        return held, held.line if isinstance(held, Cause) else 0
+        if content is None and UNKNOWN in state and not steady:
+            content = state[UNKNOWN][0]
+        content = content or self._initial_value(name, steady=steady)
+        if isinstance(content, Cause) and self._language.is_frame(name):
+            content = content._replace(shows=name)
+        return content, content.line if isinstance(content, Cause) else 0
 
-    def _initial_value(self, name: str, *, steady: bool) -> Held:
+    def _initial_value(self, name: str, *, steady: bool) -> Content:
         """Return the value of a name when the program begins; `steady` if no unknown routine changes it."""
-        changes = self._changed_by(name)
+        changes = self._find_changes(name)
         if name in self._initial and not changes:
             return self._initial[name] if steady or self._earlier is None else self._earlier
         if (active := self._language.active.get(name)) is not None:
@@ -669,7 +669,7 @@ class Machine:
         bodies = self._flow.bodies
         for name, body in bodies.items():
             self._state_operations[name] = [
-                i for i in body if not isinstance(self._ops[i], ir.Move | ir.Keep)
+                i for i in body if not isinstance(self._ops[i], ir.Move | ir.MoveToStored)
             ]
         order = list(bodies)
         while self._state_changed:
@@ -681,10 +681,10 @@ class Machine:
             self._propagate_through(name, body)
         return self.columns, self._used, self._causes
 
-    def _judge_move(self, op: ir.Move | ir.Keep, i: int, state: State | None) -> None:
+    def _record_move(self, op: ir.Move | ir.MoveToStored, i: int, state: State | None) -> None:
         """Add a move, operation i, to the columns, with targets and frames, or the cause why it is left."""
         place = self._places[i]
-        if isinstance(op, ir.Keep):
+        if isinstance(op, ir.MoveToStored):
             text = f"a move to {op.name}, a position stored in the controller"
             self.columns.add_remark(place.line, text, op.name)
             return
@@ -694,7 +694,7 @@ class Machine:
             (self._evaluate_frame(place, base, state), self._evaluate_frame(place, tool, state))
             for base, tool in zip(op.bases, op.tools, strict=True)
         ]
-        cause = self._why_left(place, op, frames, state)
+        cause = self._find_cause_to_leave(place, op, frames, state)
         repeats = np.asarray(self._repeats.get(i, ()), dtype=np.intp).reshape(-1, 2)
         if len(repeats) and cause is None:
             lines, first = np.vstack([[place.line, place.first], repeats]).T
@@ -711,17 +711,17 @@ class Machine:
         self, op: ir.Move, place: Place, cause: Cause | None, frames: list[Frames], state: State
     ) -> None:
         """Add one move to the columns, with its targets in a state; it is left if there is a cause."""
-        held = [self._evaluate_target(place, each, state) for each in op.targets]
-        cause = cause or next((each for each in held if isinstance(each, Cause)), None)
+        content = [self._evaluate_target(place, each, state) for each in op.targets]
+        cause = cause or next((each for each in content if isinstance(each, Cause)), None)
         if cause is not None:
             self._used.update(
                 (place.qualify(name), place.line) for name in op.targets if not isinstance(name, Literal)
             )
             cause = cause if cause.line else cause._replace(line=place.line, source=place.source)
-        given = [each for each in held if isinstance(each, Given)]
+        given = [each for each in content if isinstance(each, WrittenNumbers)]
         self.columns.add_move(op, place.line, given, frames, cause)
 
-    def _why_left(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> Cause | None:
+    def _find_cause_to_leave(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> Cause | None:
         """Return the cause why a move is left, apart from its targets; None without a cause."""
         if op.reason:
             return place.cause(op.reason, op.remedy)
@@ -729,42 +729,42 @@ class Machine:
             if isinstance(each, Cause):
                 return each
         for name, frame in zip(op.agree, frames[0], strict=False):
-            held = self._value_and_line(state, name)[0]
-            if isinstance(held, Cause):
-                return held
-            if held != self._language.active[name] and not (
-                isinstance(frame, FrameName) and held == frame.name
+            content = self._value_and_line(state, name)[0]
+            if isinstance(content, Cause):
+                return content
+            if content != self._language.active[name] and not (
+                isinstance(frame, FrameName) and content == frame.name
             ):
                 reason = f"the target is recorded with another {name} than the active one"
                 return place.cause(reason, "activate the frame that it is recorded with")
         return None
 
-    def _evaluate_target(self, place: Place, target: Literal | Name, state: State) -> Given | Cause:
+    def _evaluate_target(self, place: Place, target: Literal | Name, state: State) -> WrittenNumbers | Cause:
         """Return the numbers of a target in a state, or the cause why they are unknown."""
         if isinstance(target, Literal):
-            return Given("", place.source, place.line, place.first, target)
+            return WrittenNumbers("", place.source, place.line, place.first, target)
         name = place.qualify(target)
-        held, changes = self._value_and_line(state, name)[0], self._changes.get(name, [])
-        reason = held.reason if isinstance(held, Cause) and held.line else ""
+        content, changes = self._value_and_line(state, name)[0], self._changes.get(name, [])
+        reason = content.reason if isinstance(content, Cause) and content.line else ""
         if len(changes) + (name in self._initial) > 1:
             reason = changes[-1].reason
-        elif isinstance(held, Given) and name in self._shared:
+        elif isinstance(content, WrittenNumbers) and name in self._shared:
             reason = "it is declared where other programs use it, too"
-        elif isinstance(held, Given):
-            return held if held.label == name else held._replace(label=name)
+        elif isinstance(content, WrittenNumbers):
+            return content if content.label == name else content._replace(label=name)
         unknown = f"the target {shown(name)} is not given by constant numbers"
         return place.cause(f"{unknown}: {reason}" if reason else unknown, self._language.remedy)
 
     def _evaluate_frame(self, place: Place, value: Value | ir.Product, state: State) -> FrameName | Cause:
         """Return a frame in a state, or the cause why it is unknown; frames of a product are multiplied."""
         values = [ir.Copy(name) for name in value.names] if isinstance(value, ir.Product) else [value]
-        held = [self._evaluate(place, "", each, state) for each in values]
-        for each in held:
+        content = [self._evaluate(place, "", each, state) for each in values]
+        for each in content:
             if isinstance(each, Cause):
                 return each
-        given = tuple(each for each in held if isinstance(each, Given))
-        if len(given) < len(held):
-            names = {_name_of_whole(each) for each in held if isinstance(each, str)}
+        given = tuple(each for each in content if isinstance(each, WrittenNumbers))
+        if len(given) < len(content):
+            names = {_name_of_whole(each) for each in content if isinstance(each, str)}
             if given or len(names) > 1:
                 return place.cause("only part of the frame is in numbers", "give the whole frame in numbers")
             name = names.pop()
@@ -778,19 +778,19 @@ class Machine:
         if pose is None:
             reason = f"{label} is not a whole frame in numbers"
             return Cause(first.line, reason, "give the whole frame in numbers", first.source)
-        return FrameName(self._spell(place, label), pose)
+        return FrameName(self._restore_spelling(place, label), pose)
 
     def _frame_by_name(self, place: Place, name: str) -> FrameName:
         """Return a frame that is known by its name only, with a pose if no program can change the frame."""
         if name not in self._named:
-            self._named[name] = FrameName(self._spell(place, name), self._language.constants.get(name))
+            self._named[name] = FrameName(self._restore_spelling(place, name), self._language.constants.get(name))
         return self._named[name]
 
-    def _spell(self, place: Place, name: str) -> str:
+    def _restore_spelling(self, place: Place, name: str) -> str:
         """Return a name as the program spells it near a place."""
         return self.columns.restore_spelling(name, place.source, place.line)
 
-    def _multiply_poses(self, given: Iterable[Given]) -> FloatArray | None:
+    def _multiply_poses(self, given: Iterable[WrittenNumbers]) -> FloatArray | None:
         """Return the product (4, 4) [m] of poses in numbers; None if the numbers of one are not a pose."""
         poses = []
         for each in given:

@@ -61,7 +61,7 @@ _OWN_FRAME: Final = re.compile(rf"\$(BASE|TOOL|IPO_MODE)=(?:STOOL2?|SBASE|SIPO_M
 _BEFORE: Final = "set $TOOL and $BASE before the move"
 
 
-def _names_in_value(line: Line, text: str) -> list[Op]:
+def _read_value(line: Line, text: str) -> list[Op]:
     """Return the operations of a value, which may be an expression or a structure `{...}`."""
     return line.read_expression(_SEPARATED.sub(",", text) if text.startswith("{") else text)
 
@@ -81,7 +81,7 @@ def _read_struct(line: Line, start: int, end: int) -> dict[str, int | str]:
     return fields
 
 
-def _find_target(fields: dict[str, int | str]) -> Literal | None:
+def _target_from_fields(fields: dict[str, int | str]) -> Literal | None:
     """Return the target whose numbers the fields are; None if they are no complete pose or set of angles."""
     numbers = {name: value for name, value in fields.items() if isinstance(value, int)}
     for notation, names in _POSES:
@@ -104,7 +104,7 @@ def _translate_value(line: Line, name: ir.Name, start: int, end: int) -> list[Op
     The value is numbers, that of another name, or unknown.
     """
     text, fields = line.text[start:end], _read_struct(line, start, end)
-    if pose := _find_target(fields):
+    if pose := _target_from_fields(fields):
         return [ir.Assign(name, pose)]
     frames = {which: fields.get(f"{which}_NO") for which in ("BASE", "TOOL")}
     # KSS: with IPO_FRAME #TCP the tool is fixed in the cell, and the arm carries the part
@@ -120,7 +120,7 @@ def _translate_value(line: Line, name: ir.Name, start: int, end: int) -> list[Op
         return [ir.Use(frozenset({text})), ir.Assign(name, ir.Copy(text))]
     if name in {"$BASE", "$TOOL"} and text == f"{str(name)[1:]}_DATA[\0]":
         return [ir.Assign(name, ir.Copy((text.replace("\0", "%s"), line.ordinals_in(start, end)[0])))]
-    return [*_names_in_value(line, text), _forget_name(name)]
+    return [*_read_value(line, text), _forget_name(name)]
 
 
 def _forget_name(name: ir.Name) -> Op:
@@ -128,7 +128,7 @@ def _forget_name(name: ir.Name) -> Op:
     text = name if isinstance(name, str) else name[0] % "i"
     is_frame = text in {"$BASE", "$TOOL", "FDAT_ACT"} or "_DATA" in text
     reason = f"{text} changes while the program runs: it is computed, or set in part"
-    return ir.Havoc(frozenset({name}), reason, _FRAME_REMEDY if is_frame else _REMEDY)
+    return ir.MakeUnknown(frozenset({name}), reason, _FRAME_REMEDY if is_frame else _REMEDY)
 
 
 def _translate_declaration(line: Line) -> list[Op]:
@@ -146,7 +146,7 @@ def _translate_declaration(line: Line) -> list[Op]:
         name, index, value = match.groups()
         ops += [ir.Local(frozenset({name})), *line.read_expression(index or "")]
         if value and index is not None:
-            ops += [*_names_in_value(line, value), _forget_name(name)]
+            ops += [*_read_value(line, value), _forget_name(name)]
         elif value:
             given = _translate_value(line, name, *match.span(3))
             ops += [op._replace(shared=shared) if isinstance(op, ir.Assign) else op for op in given]
@@ -171,7 +171,7 @@ def _translate_assignment(line: Line) -> list[Op]:
     uses = line.read_expression(inner)
     if index or (name.startswith("$") and name not in {"$BASE", "$TOOL"}):
         changes = [] if name.startswith("$") and name not in {"$BASE", "$TOOL"} else [_forget_name(target)]
-        return [*uses, *_names_in_value(line, line["value"]), *changes]
+        return [*uses, *_read_value(line, line["value"]), *changes]
     return [*uses, *_translate_value(line, target, *line.span("value"))]
 
 
@@ -185,19 +185,19 @@ def _translate_move(line: Line) -> list[Op]:
     end, settings = _find_end_of_targets(line.text, begin)
     if end == begin:
         raise Misread(_NOT_WHOLE)
-    found, own = _names_after_with(line, settings)
+    found, own = _read_settings(line, settings)
     targets: list[Literal | ir.Name | None] = []
     for start, stop in split_outside_brackets(line.text[:end], begin):
         name = line.text[start:stop]
         if _KEPT.fullmatch(name):
             if name != line.text[begin:end]:
-                raise Misread("an arc through a position stored in the controller")
-            return [*found, ir.Keep(name)]
+                raise Misread("the arc goes through a position stored in the controller")
+            return [*found, ir.MoveToStored(name)]
         named = re.fullmatch(_NAME, name) and not re.fullmatch(_RESERVED, name)
-        targets.append(name if named else _find_target(_read_struct(line, start, stop)))
+        targets.append(name if named else _target_from_fields(_read_struct(line, start, stop)))
     known = tuple(each for each in targets if each is not None)
     if line["relative"] or len(known) < len(targets) or len(known) != 1 + (motion is Motion.CIRCULAR):
-        reason = "a relative move" if line["relative"] else _NOT_WHOLE
+        reason = "the target is relative to the position before the move" if line["relative"] else _NOT_WHOLE
         return ir.leave_move(
             [*found, *line.read_expression(_SEPARATED.sub(",", line.text[begin:end]))], reason, _REMEDY
         )
@@ -225,7 +225,7 @@ def _strip_blends(text: str, begin: int, end: int) -> int:
     return end
 
 
-def _names_after_with(line: Line, text: str) -> tuple[list[Op], str]:
+def _read_settings(line: Line, text: str) -> tuple[list[Op], str]:
     """Return the operations of the settings after WITH, and the name of the move's own frame data or "".
 
     Raises:
@@ -237,13 +237,13 @@ def _names_after_with(line: Line, text: str) -> tuple[list[Op], str]:
         if match := _OWN_FRAME.fullmatch(setting):
             own[match[1]] = match[2]
         elif not setting.startswith("$") or _MOVING.match(setting) or setting.startswith(("$BASE", "$TOOL")):
-            raise Misread("the settings of the move are unknown, or frames of its own", _BEFORE)
+            raise Misread("a setting after WITH is unknown, or sets a frame for this move only", _BEFORE)
         else:
-            found += _names_in_value(line, setting.partition("=")[2])
+            found += _read_value(line, setting.partition("=")[2])
     if ir.calls_routine(found) or (
         own and (not {"BASE", "TOOL"} <= own.keys() or len(set(own.values())) > 1)
     ):
-        raise Misread("the settings of the move call a routine, or set one frame only", _BEFORE)
+        raise Misread("the settings after WITH call a routine, or set only one of tool and base", _BEFORE)
     return found, own.get("TOOL", "")
 
 
@@ -259,9 +259,9 @@ def _translate_spline(line: Line) -> list[Op]:
     end, settings = _find_end_of_targets(line.text, begin)
     if end > begin:
         raise Misread(UNKNOWN_STATEMENT)
-    found, own = _names_after_with(line, settings)
+    found, own = _read_settings(line, settings)
     reason, remedy = "the block of splines has frames of its own", "set $BASE and $TOOL before the block"
-    return [*found, *([ir.Havoc(frozenset({"$BASE", "$TOOL"}), reason, remedy)] if own else [])]
+    return [*found, *([ir.MakeUnknown(frozenset({"$BASE", "$TOOL"}), reason, remedy)] if own else [])]
 
 
 def _translate_routine(line: Line) -> list[Op]:

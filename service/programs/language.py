@@ -1,7 +1,7 @@
 """Words of the intermediate language, and the normal form of a statement that the readers translate.
 
 The normal form has no comments, one blank between words and none elsewhere, and NUL in place of each number:
-it is the same for all statements of one shape, so that a shape is translated once, in linear time.
+it is the same for all statements of one masked, so that a masked is translated once, in linear time.
 Possessive are repeated characters only, no groups: Python before 3.11.5 keeps what a failed group had taken.
 """
 
@@ -69,7 +69,7 @@ class Local(NamedTuple):
     names: frozenset[str]
 
 
-class Havoc(NamedTuple):
+class MakeUnknown(NamedTuple):
     """Statement that gives unknown values to names; without names, to all names and the active frames."""
 
     names: frozenset[Name]
@@ -106,14 +106,14 @@ class Move(NamedTuple):
 
     @property
     def differs_only_in_target(self) -> bool:
-        """Return whether two moves of this shape can differ only in the numbers of their single target."""
+        """Return whether two moves of this masked can differ only in the numbers of their single target."""
         own = isinstance(self.targets[0], Literal) if len(self.targets) == 1 else False
         return own and not (
             self.agree or self.reason or any(isinstance(base, Literal) for base in self.bases)
         )
 
 
-class Keep(NamedTuple):
+class MoveToStored(NamedTuple):
     """Move to a position that is stored in the controller, not in the program."""
 
     name: str
@@ -131,7 +131,7 @@ class Flow(NamedTuple):
     shared: bool = False  # whether other programs may call a routine, with frames of their own
 
 
-Op: TypeAlias = Assign | Local | Havoc | Call | Use | Move | Keep | Flow
+Op: TypeAlias = Assign | Local | MakeUnknown | Call | Use | Move | MoveToStored | Flow
 
 
 UNKNOWN_STATEMENT: Final = "the statement is unknown: it may move the robot, targets or frames"
@@ -255,10 +255,10 @@ class Language:
             re.compile(self.functions, flags),
         )
 
-    def normalise(self, shape: str) -> Line:
-        """Return the normal form of a statement, `shape` being its text with NUL in place of each number."""
+    def normalise(self, masked: str) -> Line:
+        """Return the normal form of a statement, `masked` being its text with NUL in place of each number."""
         pieces, ordinals, number, behind, below = list[str](), list[int](), 0, False, 0
-        for match in self._token.finditer(shape):
+        for match in self._token.finditer(masked):
             kind, piece = match.lastgroup, match[0]
             count = piece.count("\0")
             if kind in {"blank", "comment"}:
@@ -275,26 +275,26 @@ class Language:
         text = re.sub(self.blank, " ", text).strip() if self.blank else text
         return Line(self, text, tuple(ordinals), below)
 
-    def translate(self, shape: str) -> list[tuple[int, Op]]:
+    def translate(self, masked: str) -> list[tuple[int, Op]]:
         """Return the operations of a statement, each with its number of lines below the first line.
 
-        `shape` is the statement with NUL in place of each number. A statement that is not understood may do
+        `masked` is the statement with NUL in place of each number. A statement that is not understood may do
         anything.
 
         Raises:
             Misread: braces are nested too deep.
         """
-        line = self.normalise(shape)
+        line = self.normalise(masked)
         if max(accumulate((sign == "{") - (sign == "}") for sign in line.text), default=0) > _MAX_DEPTH:
             reason = f"braces are nested more than {_MAX_DEPTH} deep"
             raise Misread(reason, "declare inner structures on their own")
         try:
             ops = self.apply_rules(line) if line.text else []
         except Misread as fault:
-            return self._unknown(shape, line, fault)
-        moves = sum(isinstance(op, Move | Keep) for op in ops)
+            return self._unknown(masked, line, fault)
+        moves = sum(isinstance(op, Move | MoveToStored) for op in ops)
         if len(self._motion.findall(_QUOTED.sub("", line.text))) > moves:
-            return self._unknown(shape, line, Misread("a move is where none is expected"))
+            return self._unknown(masked, line, Misread("a move is in a place where no move is expected"))
         return [(line.below, op) for op in ops]
 
     def apply_rules(self, line: Line) -> list[Op]:
@@ -316,7 +316,7 @@ class Language:
                 return [*found, *([Flow(rule, name)] if rule else [])]
         raise Misread(UNKNOWN_STATEMENT)
 
-    def _unknown(self, shape: str, line: Line, fault: Misread) -> list[tuple[int, Op]]:
+    def _unknown(self, masked: str, line: Line, fault: Misread) -> list[tuple[int, Op]]:
         """Return the operations of a statement that is not understood: it may change all names.
 
         Each word of a motion in the statement is a move that is left.
@@ -324,12 +324,12 @@ class Language:
         reason = f"{quote_statement(line.text, line.ordinals)}: {fault.reason}"
         remedy, names = fault.remedy or self.remedy, _NAME.findall(_QUOTED.sub("_", line.text))
         ops: list[tuple[int, Op]] = [
-            (line.below, Havoc(frozenset(), reason, remedy)),
-            (line.below, Havoc(frozenset([*names, "_"]), reason, remedy)),
+            (line.below, MakeUnknown(frozenset(), reason, remedy)),
+            (line.below, MakeUnknown(frozenset([*names, "_"]), reason, remedy)),
         ]
         shown_only, below, place = {"comment", "text"}, 0, 0
         hidden = self._token.sub(
-            lambda match: _SIGN.sub(" ", match[0]) if match.lastgroup in shown_only else match[0], shape
+            lambda match: _SIGN.sub(" ", match[0]) if match.lastgroup in shown_only else match[0], masked
         )
         for match in self._motion.finditer(hidden):
             below += len(_LINE_END.findall(hidden, place, match.start()))
@@ -348,7 +348,7 @@ class Language:
         operators, reserved, functions = self._words
         plain = operators.sub("+", _QUOTED.sub('""', text))
         if reserved.search(plain) or _FAULT.search(plain) or not _balanced(plain):
-            raise Misread("this text is unknown, or not complete")
+            raise Misread("this text is not understood, or is not complete")
         names = frozenset(_NAME.findall(plain))
         ops: list[Op] = [Use(names)] if names else []
         for name in dict.fromkeys(match[1] for match in _CALLED.finditer(plain)):
@@ -383,7 +383,7 @@ def leave_move(found: list[Op], reason: str, remedy: str, motion: Motion = Motio
 
 def begin_counted_loop(name: str, remedy: str) -> list[Op]:
     """Return the operations of the beginning of a loop that counts with a variable."""
-    return [Flow("loop"), Havoc(frozenset({name}), f"{name} counts a loop", remedy)]
+    return [Flow("loop"), MakeUnknown(frozenset({name}), f"{name} counts a loop", remedy)]
 
 
 def begin_routine(
@@ -391,7 +391,7 @@ def begin_routine(
 ) -> list[Op]:
     """Return the operations of the beginning of a routine; `own` are its parameters, of unknown values."""
     names = frozenset(own)
-    unknown: list[Op] = [Local(names), Havoc(names, "a parameter of the routine", remedy)] if names else []
+    unknown: list[Op] = [Local(names), MakeUnknown(names, "its value is a parameter of the routine", remedy)] if names else []
     return [Flow("aside" if aside else "routine", name, shared=shared), *unknown]
 
 

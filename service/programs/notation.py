@@ -209,7 +209,7 @@ class Numerals:
     rest: str  # the text with `\0` in place of each number
 
     @classmethod
-    def of(cls, text: str, pattern: str) -> Numerals:
+    def from_text(cls, text: str, pattern: str) -> Numerals:
         r"""Find the numbers of a text by a pattern; the text has no `\0`, and no number spans two lines."""
         split = re.compile(f"({pattern})").split
         values, spans, rest, begin = [np.zeros(0)], [np.zeros((0, 2), dtype=np.int32)], [], 0
@@ -226,7 +226,7 @@ class Numerals:
         starts, ends = np.concatenate(spans).T.copy()
         return cls(np.concatenate(values), starts, ends, "".join(rest))
 
-    def shapes(self, starts: IndexArray, ends: IndexArray) -> tuple[Iterator[str], IndexArray]:
+    def masked_texts(self, starts: IndexArray, ends: IndexArray) -> tuple[Iterator[str], IndexArray]:
         """Cut parts out of the text.
 
         Args:

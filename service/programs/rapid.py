@@ -75,7 +75,7 @@ def _refuse_one_line_if(_line: Line) -> list[Op]:
     Raises:
         Misread: always.
     """
-    raise Misread("a move, a call or an assignment after IF", "write IF ... THEN ... ENDIF")
+    raise Misread("an IF without THEN is followed by a move, a call or an assignment", "write IF ... THEN ... ENDIF")
 
 
 def _translate_instruction(line: Line) -> list[Op]:
@@ -85,14 +85,14 @@ def _translate_instruction(line: Line) -> list[Op]:
     found = line.read_expression(arguments)
     names = frozenset(each for op in found if isinstance(op, ir.Use) for each in op.names)
     if name in {"INCR", "DECR", "ADD", "CLEAR"}:  # they change their first argument
-        return [*found, ir.Havoc(names, f"{name} changes it while the program runs", _REMEDY)]
+        return [*found, ir.MakeUnknown(names, f"{name} changes it while the program runs", _REMEDY)]
     if re.fullmatch(_QUIET, name):
         return [*found, ir.Call(name, quiet=True)]
     if _PROCESS_MOVE.fullmatch(name):
-        reason, remedy = f"{name}: a move of a process", "write it as MoveL, MoveJ or MoveC"
-        return ir.leave_move([*found, ir.Havoc(frozenset(), reason, remedy)], reason, remedy)
+        reason, remedy = f"{name} is a move of a process such as welding", "write it as MoveL, MoveJ or MoveC"
+        return ir.leave_move([*found, ir.MakeUnknown(frozenset(), reason, remedy)], reason, remedy)
     if _SHIFTS.match(name):
-        return [*found, ir.Havoc(frozenset(), f"{name}: it moves targets or frames", "omit it")]
+        return [*found, ir.MakeUnknown(frozenset(), f"{name} moves targets or frames", "omit it")]
     return [*found, ir.Call(name, names)]
 
 
@@ -145,7 +145,7 @@ def _translate_declaration(line: Line) -> list[Op]:
     found += line.read_expression(value)
     what = "frame" if "DATA" in line["type"] else "target"
     reason = f"{name} is not a fixed {what} in numbers, or changes while the program runs"
-    return [*found, ir.Havoc(frozenset({name}), reason, _FRAME_REMEDY)]
+    return [*found, ir.MakeUnknown(frozenset({name}), reason, _FRAME_REMEDY)]
 
 
 def _translate_assignment(line: Line) -> list[Op]:
@@ -158,7 +158,7 @@ def _translate_assignment(line: Line) -> list[Op]:
         return list(given)
     index = part.replace("{", ",[").replace("}", "]").lstrip(",") if "{" in part else ""
     uses = [*line.read_expression(index), *line.read_expression(value)]
-    return [*uses, ir.Havoc(frozenset({name}), f"{name} changes while the program runs", _FRAME_REMEDY)]
+    return [*uses, ir.MakeUnknown(frozenset({name}), f"{name} changes while the program runs", _FRAME_REMEDY)]
 
 
 def _translate_move(line: Line) -> list[Op]:
@@ -233,7 +233,7 @@ def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
     """
     text, place = sources[0].text, 0
     for again in list(re.finditer(r"(?im)^[ \t]*+MODULE\b", text))[1:]:
-        machine.refuse(sources[0].line(again.start()), "a second module", "send one module")
+        machine.refuse(sources[0].line(again.start()), "the file contains a second module", "send one module")
     starts, ends = [], []
     for end in (*(match.end() for match in _ENDS.finditer(text) if match[1]), len(text)):
         start = end - len(text[place:end].lstrip())

@@ -82,7 +82,7 @@ def _read_literal(line: Line, start: int, end: int) -> Literal | None:
     return None
 
 
-def _names_used(line: Line, text: str) -> list[Op]:
+def _read_value(line: Line, text: str) -> list[Op]:
     """Return what an expression uses and calls; the `p` of poses such as `p[x, ...]` is not a name."""
     return line.read_expression(re.sub(r"\bp(?=\[)", "", text))
 
@@ -95,8 +95,8 @@ def _translate_assignment(line: Line) -> list[Op]:
     if literal is not None:
         return [*own, ir.Assign(name, literal)]
     found = line.read_expression(index.strip("[]").replace("][", ",")) if "[" in index else []
-    unknown = ir.Havoc(frozenset({name}), f"{name} gets a value that is not a number", _REMEDY)
-    return [*own, *found, *_names_used(line, line["value"]), unknown]
+    unknown = ir.MakeUnknown(frozenset({name}), f"{name} gets a value that is not a number", _REMEDY)
+    return [*own, *found, *_read_value(line, line["value"]), unknown]
 
 
 def _translate_move(line: Line) -> list[Op]:
@@ -113,7 +113,7 @@ def _translate_move(line: Line) -> list[Op]:
         try:
             target, base = _read_target(line, named.end() if named else start, stop, found)
         except Misread as fault:
-            return ir.leave_move(_names_used(line, line["arguments"]), fault.reason, _REMEDY, motion)
+            return ir.leave_move(_read_value(line, line["arguments"]), fault.reason, _REMEDY, motion)
         targets.append(target)
         bases.append(base)
     if len(targets) < len(slots):

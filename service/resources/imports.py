@@ -25,7 +25,7 @@ from jointstiff.schemas.robot import Body
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place
 from jointstiff.service.importing.grammar import Kind, Quantity, along_axis, joint_number
 from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
-from jointstiff.service.importing.rows import Gathered
+from jointstiff.service.importing.rows import ObservationRecord
 from jointstiff.service.problems import FilesError, reworded
 from jointstiff.solver.errors import MeasurementError
 
@@ -304,7 +304,7 @@ def _build_measurement_set(
         raise ImportFileError(NOWHERE, reason, "check the limits of measurement sets") from error
 
 
-def _build_observation(one: Gathered, force: Vector3 | None) -> Observation:
+def _build_observation(one: ObservationRecord, force: Vector3 | None) -> Observation:
     """Return an observation from what was gathered of it; `force` is used if it has no force of its own."""
 
     def vector(kind: Kind) -> Vector3 | None:
@@ -320,7 +320,7 @@ def _build_observation(one: Gathered, force: Vector3 | None) -> Observation:
     )
 
 
-def _build_reading(one: Gathered, target: str) -> Reading:
+def _build_reading(one: ObservationRecord, target: str) -> Reading:
     """Return the reading of a target in an observation.
 
     Uncertainties of coordinates become covariances; uncertainties of points become one sigma for both states.

@@ -11,12 +11,12 @@ from typing import Final, Literal
 import numpy as np
 
 from jointstiff.schemas.program import MAX_LINE, ProcessLoad, ProgramFrame, ProgramOptions
-from jointstiff.service.conversion.robots import joint_factors, refuse_far_point, refuse_other_angles
+from jointstiff.service.conversion.robots import joint_factors, refuse_far_point, refuse_wrong_joint_count
 from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.service.kinds.work import as_request_errors
 from jointstiff.service.problems import FilesError
 from jointstiff.service.programs.errors import Fault, ProgramError, shown
-from jointstiff.service.programs.formats import frame_notation
+from jointstiff.service.programs.formats import choose_frame_notation
 from jointstiff.service.programs.notation import Edit, Notation, Orientation
 from jointstiff.service.programs.program import BLOCK, NUMBERS, FrameName, Program
 from jointstiff.service.runs.deflection import vector_column
@@ -69,7 +69,7 @@ class ProgramFrames:
             RequestError: a frame has no numbers, has two sets of numbers, or is not in the program; or its
                 numbers are no pose.
         """
-        notation, targets = frame_notation(program), program.targets
+        notation, targets = choose_frame_notation(program), program.targets
         world = _stated_pose(notation, options.world, "world")
         flange = _stated_pose(notation, options.flange, "flange")
         # A target in joint angles needs its base only for a load along the axes of the base.
@@ -656,7 +656,7 @@ def start_joints(options: ProgramOptions, robot: Robot) -> FloatArray | None:
     """
     if options.start is None:
         return None
-    refuse_other_angles(robot, options.start, "start")
+    refuse_wrong_joint_count(robot, options.start, "start")
     return np.asarray(joint_factors(robot, options.units) * np.array(options.start))
 
 

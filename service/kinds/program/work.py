@@ -27,8 +27,8 @@ from jointstiff.schemas.program import (
     Spread,
 )
 from jointstiff.schemas.run import Run
-from jointstiff.service.conversion.readings import hash_of
-from jointstiff.service.conversion.robots import kinds_of
+from jointstiff.service.conversion.readings import hash_texts
+from jointstiff.service.conversion.robots import joint_kinds_by_name
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.service.kinds.program.path import ProgramPath, Visits, find_path, start_joints
 from jointstiff.service.kinds.work import Arrays, Span, Work, as_request_errors, cut_into_spans, joined
@@ -356,7 +356,7 @@ class ProgramWork(Work):
         self.robot_id, self._request = robot_id, request
         options = request.model_dump_json(exclude={"run_id", "files"})
         contents = [each.content or "" for each in request.files]
-        self.input_hash = hash_of(run.provenance.input_hash, options, *contents)
+        self.input_hash = hash_texts(run.provenance.input_hash, options, *contents)
         with as_request_errors():
             length = LENGTH[request.units.length]
             self._used = RunModel.of(
@@ -518,7 +518,7 @@ class ProgramWork(Work):
             for vectors in (corrections.uncorrected, corrections.correction, points.residual)
         )
         return ProgramResult(
-            joint_kinds=kinds_of(self._used.model.robot),
+            joint_kinds=joint_kinds_by_name(self._used.model.robot),
             assessment=assessment,
             format=kind,
             points=len(program.targets),

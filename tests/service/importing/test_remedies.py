@@ -511,7 +511,7 @@ FILES = {
         "several sheets have data", {"a.xlsx": workbook(change=sheets)}, stated={"sheet": "again"}
     ),
     "no such sheet": Case(
-        "there is no sheet 'Data'", {"a.xlsx": BOOK}, options={"sheet": "Data"}, stated={"sheet": "Sheet"}
+        "the workbook has no sheet 'Data'", {"a.xlsx": BOOK}, options={"sheet": "Data"}, stated={"sheet": "Sheet"}
     ),
     "damaged workbook": Case(
         "is not well-formed", {"a.xlsx": repacked(BOOK, SHEET, damaged)}, {"a.xlsx": BOOK}
@@ -521,7 +521,7 @@ FILES = {
     "one file twice": Case(
         "two files have this name", (("a.csv", CAMPAIGN), ("a.csv", CAMPAIGN)), {"a.csv": CAMPAIGN}
     ),
-    "no files": Case("0 files", {}, {"a.csv": CAMPAIGN}),
+    "no files": Case("0 files were sent", {}, {"a.csv": CAMPAIGN}),
     "too large": limited(
         "exceed 0 MiB together",
         {"a.csv": CAMPAIGN, "b.csv": CAMPAIGN},

@@ -132,7 +132,7 @@ LEFT = {
         "a.src",
         krl(f"CIRC $POS_ACT,{PLACE}"),
         2,
-        "'CIRC $POS_ACT,{X 1,Y 2,Z 3,A 0,B 0,C 0}': an arc through a position stored in the controller",
+        "'CIRC $POS_ACT,{X 1,Y 2,Z 3,A 0,B 0,C 0}': the arc goes through a position stored in the controller",
         OF_KRL,
     ),
     "a position register": (
@@ -207,7 +207,7 @@ def test_a_target_in_two_bases_is_left_at_both_of_its_moves():
     ]
 
 
-NOT_CNC = "programs of CNC, APT and CLS are not read"
+NOT_CNC = "programs in the formats CNC, APT and CLS cannot be read"
 ITS_LANGUAGE = "write it in the controller's own language, or as a table of targets (CSV)"
 BRACES = "braces are nested more than 16 deep; declare inner structures on their own"
 UNITS = "the columns of the targets have no units, different ones, or those of another quantity"
@@ -229,7 +229,7 @@ REFUSED = {
     "a long line": (
         "a.src",
         "x" * 4097,
-        "'a.src', line 1: a line of more than 4096 characters; break it into several lines",
+        "'a.src', line 1: a line has more than 4096 characters; break it into several lines",
     ),
     "nothing": (
         "a.src",
@@ -240,12 +240,12 @@ REFUSED = {
     "a move of frames": (
         "a.mod",
         "MODULE a\nPROC main()\nPDispSet x;\nENDPROC\nENDMODULE",
-        "'a.mod', line 3: PDispSet: it moves targets or frames; omit it",
+        "'a.mod', line 3: PDispSet moves targets or frames; omit it",
     ),
     "two modules": (
         "a.mod",
         f"MODULE a\nPROC a()\nMoveL {ROB},v1,z1,t1;\nENDPROC\nENDMODULE\nMODULE N\nENDMODULE",
-        "'a.mod', line 6: a second module; send one module",
+        "'a.mod', line 6: the file contains a second module; send one module",
     ),
     "a table of two columns": (
         "a.csv",
@@ -278,7 +278,7 @@ def test_two_files_of_a_language_with_one_are_refused():
     with pytest.raises(ProgramError) as refused:
         explained([("a.mod", b"MODULE a\nENDMODULE"), ("b.mod", b"MODULE a\nENDMODULE")])
     remedy = "send one program; with KUKA's .src its .dat and $config.dat"
-    assert str(refused.value) == f"'b.mod': there are more files than one program has; {remedy}"
+    assert str(refused.value) == f"'b.mod': more files were sent than one program has; {remedy}"
 
 
 @pytest.mark.parametrize("statement", ["LIN {}", "P1={}", "DECL FDAT F={}", "FDAT_ACT={}", "TOOL_DATA[1]={}"])
@@ -298,11 +298,11 @@ def test_sixteen_braces_are_read_and_seventeen_are_not():
 
 QUOTED = [
     ("a.src", krl(f"LIN {PLACE}", "ASYCONT", f"LIN {PLACE}"), "'ASYCONT': the statement is unknown"),
-    ("a.src", krl(f"LIN {PLACE}", "x=1 y=2", f"LIN {PLACE}"), "'X=1 Y=2': this text is unknown"),
+    ("a.src", krl(f"LIN {PLACE}", "x=1 y=2", f"LIN {PLACE}"), "'X=1 Y=2': this text is not understood"),
     (
         "a.script",
         "movel(p[0.1,0.2,0.3,0,0,0])\nx = 1 y\nmovel(p[0.1,0.2,0.3,0,0,0])\n",
-        "'x=1 y': this text is unknown",
+        "'x=1 y': this text is not understood",
     ),
 ]  # fmt: skip
 
