@@ -1,4 +1,4 @@
-"""Targets and moves of a program as columns, and which of the moves are certain together."""
+"""Targets and moves of a program as columns, and the search for the moves that can be corrected."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 
 MAX_TARGETS: Final = 200_000
 MAX_VISITS: Final = 400_000
-"""Targets of all moves together: each needs an inverse kinematics, also if moves share a target."""
+"""Largest number of visits of targets by moves; each visit needs an inverse kinematics."""
 MAX_REMARKS: Final = 400_000
-"""Lines that are left as they are."""
+"""Largest number of remarks on lines that are not corrected."""
 MAX_VALUE: Final = 1e6
 """Magnitude of a number of a target: a kilometre in mm, 2,777 turns in degrees."""
 OF: Final = " of routine "
@@ -47,7 +47,7 @@ _AXIS_ROUNDING: Final = 2e-3
 _NO_AXIS: Final = 8e9
 """Value above which a number means that there is no such external axis: ABB writes 9e9."""
 _MAX_AXES: Final = 24
-"""Most external axes of a target; a target with more is left."""
+"""Largest count of external axes of a target; a target with more axes is not corrected."""
 _AWAY: Final = "an external axis or another group is away from zero, and may carry the arm or the part"
 _CARRY_NOTHING: Final = (
     "state `external_axes: carry_nothing` if it carries neither the arm nor the part; else keep it at zero"
@@ -58,7 +58,7 @@ _WIDTH: Final = 7
 _STATED: Final = NUMBERS + WORDS
 _AXES: Final = _STATED + _MAX_AXES
 _MAX_STEADY: Final = 8
-"""Most numbers of a target that all targets have to share, such as that of the tool."""
+"""Largest count of numbers that all targets have to share, such as the number of the tool."""
 
 
 class Cause(NamedTuple):
@@ -123,7 +123,7 @@ class Columns:
         return _NAME_OR_TEXT.sub(find_spelling, _PART.sub("", text))
 
     def add_remark(self, line: int, text: str, target: str = "") -> None:
-        """Note a statement that is left as it is, and needs no decision of the user."""
+        """Note a statement that is not corrected, without need of a decision by the user."""
         if len(self._remarks) >= MAX_REMARKS:
             self._refuse(line, f"more than {MAX_REMARKS} lines cannot be corrected", "split the program")
         self._remarks.append(Remark(line, text, target))
@@ -139,14 +139,14 @@ class Columns:
     def add_move(
         self, op: Move, line: int, targets: Sequence[WrittenNumbers], frames: Sequence[Frames], cause: Cause | None
     ) -> None:
-        """Add a move with its targets, or note that it is left.
+        """Add a move with its targets, or note the move as left without a correction if there is a cause.
 
         Args:
             op: the move.
             line: line of the move.
             targets: targets whose numbers are known.
             frames: base and tool of each target.
-            cause: why the move is left; None if it is certain.
+            cause: why the move cannot be corrected; None if it can be.
         """
         if len(self._visits) + len(op.targets) > MAX_VISITS or len(self._left) > MAX_VISITS:
             self._refuse(line, f"more than {MAX_VISITS} targets of moves", "split the program")
@@ -193,9 +193,10 @@ class Columns:
         self._names += [""] * len(lines)
 
     def _index_target(self, target: WrittenNumbers, frames: Frames | None, used: int) -> int:
-        """Return the index of a target, which is added if its numbers are new.
+        """Return the index of a target; add the target if its numbers are new.
 
-        A target that is used with two bases or two tools is doubted. `used` is the line of its use.
+        A target that is used with two bases or two tools gets a cause why it cannot be corrected. `used` is
+        the line on which the target is used.
         """
         literal = self._literals.setdefault(target.literal, len(self._literals))
         base, tool = (
@@ -217,7 +218,7 @@ class Columns:
         return index
 
     def _index_frame(self, role: str, frame: FrameName | Cause | None) -> int:
-        """Return the index of a frame, which is added if it is new; -1 if the frame is not known."""
+        """Return the index of a base or tool (`role`); add a new frame; return -1 if the frame is not known."""
         if not isinstance(frame, FrameName):
             return -1
         key = role, frame.name if frame.pose is None else frame.pose.tobytes()
@@ -262,14 +263,15 @@ class Columns:
         return Program(self._format, self._sources, targets, moves, remarks, left_moves, tuple(faults))
 
     def _build_fault(self, cause: Cause) -> Fault:
-        """Return the fault of a cause, with names as the program spells them."""
+        """Return a cause as a fault for the user, with names as the program spells them."""
         reason = self.restore_spelling(cause.reason, cause.source, cause.line)
         return Fault(self._sources[cause.source].name, cause.line, reason, cause.remedy)
 
     def _find_corrected_moves(self, targets: Targets, moves: Moves) -> BoolArray:
-        """Return a mask (k,) of the moves that can be corrected; note the others as left.
+        """Return a mask (k,) of the moves that can be corrected; note the other moves as left.
 
-        A move to a doubted target is left; its other targets are then doubted, too, and so on.
+        A move is left if one of its targets cannot be corrected. Its other targets must then keep their
+        numbers, too, so that further moves to these targets are left, until nothing changes.
         """
         doubted = np.zeros(len(targets), dtype=np.bool_)
         doubted[list(self._target_causes)] = True
@@ -297,7 +299,7 @@ class Columns:
         return ~left
 
     def _fill_targets(self, rows: IndexArray, external_axes: ExternalAxes) -> Targets:
-        """Return the targets with their numbers; invalid numbers and moved external axes are doubted.
+        """Return the targets with their numbers; note targets with invalid numbers or moved external axes.
 
         Args:
             rows: array of targets, transposed: one row for each field.
@@ -349,10 +351,10 @@ class Columns:
 
 
 def _find_external_axes(axes: FloatArray, known: ExternalAxes) -> tuple[BoolArray, BoolArray]:
-    """Return two masks (t,): targets with external axes away from zero; targets that move one.
+    """Return two masks (t,): targets with an external axis away from zero; targets that move an external axis.
 
-    Both are false where external axes carry nothing, the first also where they are joints of the robot. An
-    axis that a target does not state (NaN) stays where it was: it is away if it is away in any target.
+    If external axes carry nothing, both masks are false. If external axes are joints of the robot, the first
+    mask is false. An axis without a value (NaN) counts as away if it is away from zero in any target.
     """
     stated, none = np.nan_to_num(axes), np.zeros(len(axes), dtype=np.bool_)
     is_away: BoolArray = np.abs(stated) > _AXIS_ROUNDING
@@ -370,7 +372,10 @@ def _find_changed_numbers(numbers: FloatArray) -> BoolArray:
 
 
 def _sort_moves(moves: Moves) -> Moves:
-    """Return moves sorted by line, with their visits: a nested routine was interpreted on its own."""
+    """Return the moves in order of their lines, with their visits.
+
+    Routines were interpreted one after the other, so that moves of nested routines were out of order.
+    """
     order = np.argsort(moves.line, kind="stable")
     counts, rank = np.diff(moves.ends, prepend=0), np.empty_like(order)
     rank[order] = np.arange(len(order))
@@ -379,7 +384,7 @@ def _sort_moves(moves: Moves) -> Moves:
 
 
 def _select_moves(moves: Moves, targets: Targets, kept: BoolArray) -> tuple[Moves, Targets]:
-    """Return the moves of a mask `kept` (k,), and the targets of these moves, with new indices."""
+    """Return the moves in a mask `kept` (k,), and the targets of these moves, with new indices."""
     visits = moves.visits[kept[moves.of_visit]]
     rows, places = np.unique(visits, return_inverse=True)
     counts = np.diff(moves.ends, prepend=0)[kept]
@@ -393,10 +398,10 @@ def _select_moves(moves: Moves, targets: Targets, kept: BoolArray) -> tuple[Move
 
 
 def _frame_name(frame: FrameName | Cause) -> str:
-    """Return the name of a frame, also if its numbers are not known."""
+    """Return the name of a frame; for a cause, the name of the frame whose numbers are not known."""
     return frame.shows if isinstance(frame, Cause) else frame.name
 
 
 def _reshape_rows(rows: array[int], width: int) -> IndexArray:
-    """Return rows of numbers that were appended one after the other as columns, (width, count)."""
+    """Return the columns (width, count) of rows of `width` numbers that are stored one after the other."""
     return np.asarray(memoryview(rows), dtype=np.intp).reshape(-1, width).T

@@ -1,4 +1,4 @@
-"""The one error of reading programs: what was not understood, each with its line and what to do."""
+"""The error of reading programs: faults with line, reason and remedy."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class ReadMove(NamedTuple):
     target: str  # names of its targets, or their numbers
     base: str  # name of the base; empty if it is not known
     tool: str  # name of the tool; empty if it is not known
-    reason: str = ""  # why the move is left as it is
+    reason: str = ""  # why the move is not corrected
     remedy: str = ""  # what to do so that it can be corrected
     corrected: bool = False  # whether it can be corrected
 

@@ -62,7 +62,7 @@ def _choose_frame(line: Line) -> list[Op]:
 
 
 def _translate_jump(line: Line) -> list[Op]:
-    """Return the operations of a jump: to a label in numbers, or to one that is computed first."""
+    """Return the operations of a jump to a numbered label, or to a label whose number is computed."""
     label = line["label"]
     if label == "\0":
         return [ir.Flow("jump", ("%s", line.first_ordinal("label")))]
@@ -78,19 +78,22 @@ def _translate_conditional_action(line: Line) -> list[Op]:
 
 
 def _translate_quiet_instruction(line: Line) -> list[Op]:
-    """Return the operations of an instruction's value, such as an expression, `ON` or `PULSE,0.2sec`."""
+    """Return the operations of an instruction that moves nothing: those of its value, if it has a value.
+
+    The value is an expression, `ON`, or a pulse such as `PULSE,0.2sec`, which uses no names.
+    """
     value = line["value"].replace("!", "")
     return line.read_expression(value) if value and not re.fullmatch(r"PULSE,\0 ?(?:sec)?", value) else []
 
 
 def _translate_position_change(line: Line) -> list[Op]:
-    """Return the operation of an assignment to a position P[n], whose numbers are not known any more."""
+    """Return the operation of an assignment to a position P[n], whose numbers become unknown."""
     name: ir.Name = ("P[%s]", line.first_ordinal("place")) if line["place"] else "P"
     return [ir.MakeUnknown(frozenset({name}), "the position changes while the program runs", _REMEDY)]
 
 
 def _is_known_tail(tail: str) -> bool:
-    """Return whether the text after a target, apart from offsets, is known not to move the target."""
+    """Return whether the text `tail` after a target, apart from offsets, is known not to move the target."""
     return _TAIL.fullmatch(_OFFSET.sub("", tail).strip()) is not None
 
 
@@ -122,7 +125,7 @@ def _translate_move(line: Line) -> list[Op]:
 
 
 def _translate_register_move(line: Line) -> list[Op]:
-    """Return a move to a register or to a position of a computed number, which is left.
+    """Return the operations of a move to a register or a computed position; the move is not corrected.
 
     Raises:
         Misread: the text after the target is unknown, or calls a routine.
@@ -134,9 +137,9 @@ def _translate_register_move(line: Line) -> list[Op]:
 
 
 def _translate_frame_change(line: Line) -> list[Op]:
-    """Return the operation of a change of the controller's frames.
+    """Return the operation of a statement that changes the controller's frames.
 
-    Nothing is known even before this statement: the frame is another one when the program runs again.
+    All values are unknown, also before this statement: the next run begins with the changed frame.
     """
     reason = f"{ir.quote_statement(line.text, line.ordinals)}: the frame changes while the program runs"
     remedy = "set frames before the program, not in it: all of its moves have to know them"
@@ -144,7 +147,7 @@ def _translate_frame_change(line: Line) -> list[Op]:
 
 
 def _refuse_computed_frame(_line: Line) -> list[Op]:
-    """Refuse any other statement with a frame.
+    """Raise the error that a statement with a frame is not understood.
 
     Raises:
         Misread: always.
@@ -168,7 +171,8 @@ _Fields: TypeAlias = dict[str, tuple[tuple[int, ...], str]]
 def _declare_position(line: Line) -> list[Op]:
     """Return the declarations of `P[n]{ GP1: UF : …, UT : …, CONFIG : '…', X = … mm, … };`.
 
-    They are its numbers, base and tool. A position that is not understood has unknown numbers.
+    The declarations give the numbers, base and tool of the position. A position that is not understood gets
+    unknown numbers.
     """
     number = line.ordinals[0]
     name = "P[%s]", number
@@ -208,7 +212,7 @@ def _split_groups(line: Line) -> tuple[_Fields, tuple[int, ...]]:
 
 
 def _arm_position(fields: _Fields, others: tuple[int, ...]) -> Literal:
-    """Return the target of a position by the fields of the arm's group.
+    """Return the target that the fields of the arm's group state.
 
     `others` are ordinals of the numbers of other groups, which count as external axes.
 
@@ -281,7 +285,7 @@ def _spans_to_arrays(spans: list[tuple[int, int]]) -> tuple[IndexArray, IndexArr
 def _add_instruction(
     machine: Machine, spans: list[tuple[int, int]], line: int, start: int, text: str
 ) -> None:
-    """Add the span of a line of /MN to `spans`; a line without a number continues the one before.
+    """Add the span of a line of /MN to `spans`; a line without a number continues the line before it.
 
     Raises:
         ProgramError: the line has neither a number nor a colon.
@@ -303,7 +307,7 @@ def _add_instruction(
 
 
 def _find_positions(machine: Machine, source: Source, place: int, end: int) -> list[tuple[int, int]]:
-    """Return first and last + 1 character of each position between two places of the section /POS.
+    """Return the span (first, last + 1 character) of each position from index `place` to index `end` of the text.
 
     Raises:
         ProgramError: there is a text between positions, or a position has no end.

@@ -1,4 +1,4 @@
-"""The formats of programs: the reader of a file, limits that hold for all, the mark of a correction."""
+"""The formats of programs: the reader of all formats, its limits, and the mark of a compensated program."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def explained(
     leave_alone: Collection[str] = (),
     external_axes: ExternalAxes = ExternalAxes.MAY_CARRY,
 ) -> list[ReadMove]:
-    """Return all moves of a program by line, each with target, base, tool, and whether it can be corrected.
+    """Return all moves of a program in order of lines, with target, base, tool, and whether it can be corrected.
 
     Raises:
         ProgramError: the text of the program is not understood.
@@ -147,7 +147,7 @@ def _refuse(file: str, line: int | None, reason: str, remedy: str) -> None:
 def choose_frame_notation(program: Program) -> Notation:
     """Return the notation in which users of the program's format write frames.
 
-    A format without one uses the notation of the program's poses, else that of KUKA.
+    If the format states no notation, the notation of the program's poses is returned, else that of KUKA.
     """
     written = (notation for notation in program.targets.notations if notation.has_pose)
     return FORMATS[program.format].pose or next(written, krl.POSE)
@@ -156,7 +156,7 @@ def choose_frame_notation(program: Program) -> Notation:
 def marked(
     kind: str, content: bytes, run_id: str, verdict: str, day: date, moves: int = 0, left: int = 0
 ) -> bytes:
-    """Insert a comment into a compensated program that marks it as corrected; return its bytes.
+    """Insert a comment into a compensated program that marks the program as corrected; return the new bytes.
 
     The mark of a FANUC program is several remarks, because a remark has 32 characters at most.
 

@@ -67,9 +67,9 @@ def _read_value(line: Line, text: str) -> list[Op]:
 
 
 def _read_struct(line: Line, start: int, end: int) -> dict[str, int | str]:
-    """Return the fields of a structure `{...}` by name: ordinals of numbers, or texts.
+    """Return the fields of the structure `{...}` between two indices of the text: ordinals of numbers, or texts.
 
-    The result is empty if a field is computed or occurs twice, or if there is no structure.
+    The result is empty if a field is computed or occurs twice, or if the text is not a structure.
     """
     match = re.compile(r"\{(?:\w+:)?([^{}]*)\}").fullmatch(line.text, start, end)
     numbers, fields = iter(line.ordinals_in(start, end)), dict[str, int | str]()
@@ -82,7 +82,7 @@ def _read_struct(line: Line, start: int, end: int) -> dict[str, int | str]:
 
 
 def _target_from_fields(fields: dict[str, int | str]) -> Literal | None:
-    """Return the target whose numbers the fields are; None if they are no complete pose or set of angles."""
+    """Return the target that the fields state; None if they are neither a whole pose nor all joint angles."""
     numbers = {name: value for name, value in fields.items() if isinstance(value, int)}
     for notation, names in _POSES:
         if numbers.keys() >= set(names):
@@ -99,9 +99,9 @@ def _copy_frames(name: str, value: str) -> list[Op]:
 
 
 def _translate_value(line: Line, name: ir.Name, start: int, end: int) -> list[Op]:
-    """Return the operations of an assignment of the text between two places to a name.
+    """Return the operations that assign the text between two indices to a name.
 
-    The value is numbers, that of another name, or unknown.
+    The name gets numbers, the value of another name, or an unknown value.
     """
     text, fields = line.text[start:end], _read_struct(line, start, end)
     if pose := _target_from_fields(fields):
@@ -154,7 +154,7 @@ def _translate_declaration(line: Line) -> list[Op]:
 
 
 def _translate_assignment(line: Line) -> list[Op]:
-    """Return the operations of an assignment; an element or a field that is set makes the name unknown.
+    """Return the operations of an assignment; setting one element or field makes the whole name unknown.
 
     Raises:
         Misread: a system variable that may move targets is set, or the index of a frame is computed.
@@ -176,7 +176,7 @@ def _translate_assignment(line: Line) -> list[Op]:
 
 
 def _translate_move(line: Line) -> list[Op]:
-    """Return the operations of a move; a move that is relative or has no complete target is left.
+    """Return the operations of a move; a move that is relative or has no complete target is not corrected.
 
     Raises:
         Misread: there is no target, or the settings of the move are unknown.
@@ -208,7 +208,10 @@ def _translate_move(line: Line) -> list[Op]:
 
 
 def _find_end_of_targets(text: str, begin: int) -> tuple[int, str]:
-    """Return where the targets of a move end that begin at a place, and the settings after WITH as text."""
+    """Return the index where the targets of a move end, and the text of its settings after WITH, or "".
+
+    The targets begin at index `begin`.
+    """
     match = _WITH.search(text, begin)
     if match is None:
         return _strip_blends(text, begin, len(text)), ""
@@ -217,7 +220,7 @@ def _find_end_of_targets(text: str, begin: int) -> tuple[int, str]:
 
 
 def _strip_blends(text: str, begin: int, end: int) -> int:
-    """Return the end of the text between two places without words of approximate positioning, as C_DIS."""
+    """Return the end of the text from `begin` to `end` without words of approximate positioning, such as C_DIS."""
     while match := _BLEND.search(text, max(begin, end - _LONGEST_BLEND), end):
         if match.end() < end:
             break
@@ -226,7 +229,7 @@ def _strip_blends(text: str, begin: int, end: int) -> int:
 
 
 def _read_settings(line: Line, text: str) -> tuple[list[Op], str]:
-    """Return the operations of the settings after WITH, and the name of the move's own frame data or "".
+    """Return the operations of the settings after WITH, and the name of frame data for this move only, or "".
 
     Raises:
         Misread: a setting is unknown, calls a routine, or sets only one of base and tool.
@@ -248,9 +251,9 @@ def _read_settings(line: Line, text: str) -> tuple[list[Op], str]:
 
 
 def _translate_spline(line: Line) -> list[Op]:
-    """Return the operations of the beginning of a block of splines.
+    """Return the operations that begin a block of splines.
 
-    If the block has frames of its own, base and tool are unknown.
+    If the block sets its own frames, base and tool become unknown.
 
     Raises:
         Misread: the statement has a target, or unknown settings.
@@ -265,7 +268,7 @@ def _translate_spline(line: Line) -> list[Op]:
 
 
 def _translate_routine(line: Line) -> list[Op]:
-    """Return the operations of the head of a routine, with its parameters."""
+    """Return the operations that begin a routine and declare its parameters."""
     names = re.findall(rf"({_NAME})(?::\w+)?", line["own"])
     return ir.begin_routine(line["name"], names, _REMEDY, shared=line.text.startswith("GLOBAL"))
 

@@ -36,7 +36,7 @@ _RESERVED: Final = (
     r"|STEP|DO|ENDFOR|WHILE|ENDWHILE|TEST|CASE|DEFAULT|GOTO|ERROR|UNDO|BACKWARD|CONNECT|WITH|RETURN|RAISE|RETRY"
     r"|TRYNEXT|EXIT|ENDTEST|MOVE\w*|TRIGG[LJC]"
 )
-# Functions that tell a value
+# Functions that return a value and change nothing
 _FUNCTIONS: Final = (
     r"ABS|A?(?:COS|SIN)|A?TAN2?|EXP|POW|SQRT|ROUND|TRUNC|DIM|PRESENT|TESTDI|[DGA](?:IN|OUT)PUT|CLKREAD"
     r"|(?:NUM|VAL|BYTE)TOSTR|STR(?:LEN|PART)|C(?:ROBT|JOINTT|POS|TOOL|WOBJ|DATE|TIME)|OPMODE|RUNMODE|OFFS|RELTOOL"
@@ -58,7 +58,7 @@ _FRAMES_OF: Final = {"WOBJDATA": (".UFRAME", ".OFRAME"), "TOOLDATA": (".TFRAME",
 
 
 def _translate_routine(line: Line) -> list[Op]:
-    """Return the operations of the head of a routine, with its parameters."""
+    """Return the operations that begin a routine and declare its parameters."""
     return ir.begin_routine(line["name"], re.findall(rf"({_WORD})(?=,|\||$|\{{)", line["own"]), _REMEDY)
 
 
@@ -70,7 +70,7 @@ def _translate_test(line: Line) -> list[Op]:
 
 
 def _refuse_one_line_if(_line: Line) -> list[Op]:
-    """Refuse an IF without THEN.
+    """Raise the error that an IF without THEN is not understood.
 
     Raises:
         Misread: always.
@@ -97,7 +97,7 @@ def _translate_instruction(line: Line) -> list[Op]:
 
 
 def _read_target(line: Line, start: int, end: int) -> Literal | None:
-    """Return the robtarget or jointtarget in numbers between two places; None if there is neither."""
+    """Return the robtarget or jointtarget in numbers between two indices of the text; None if neither is there."""
     numbers = line.ordinals_in(start, end)
     if _LITERALS["ROBTARGET"].fullmatch(line.text, start, end):
         words = tuple(zip(("cf1", "cf4", "cf6", "cfx"), numbers[7:], strict=False))
@@ -108,9 +108,10 @@ def _read_target(line: Line, start: int, end: int) -> Literal | None:
 
 
 def _assign_data(line: Line, name: str, start: int, end: int, *kinds: str) -> list[ir.Assign]:
-    """Return the assignments of numbers between two places to data of one of these kinds.
+    """Return the assignments of the numbers between two indices of the text to data of one of these kinds.
 
-    A target is one assignment; a tool has one frame, and a work object has two. Without numbers, return [].
+    A target and a tool give one assignment; a work object gives two, one for each of its frames. Return []
+    if the text is not data in numbers.
     """
     target = _read_target(line, start, end)
     if target is not None and {"ROBTARGET", "JOINTTARGET"} & set(kinds):
@@ -127,12 +128,12 @@ def _assign_data(line: Line, name: str, start: int, end: int, *kinds: str) -> li
 
 
 def _frame_product(name: str, kind: str) -> ir.Product:
-    """Return the product of the frames of a work object or a tool."""
+    """Return the product of the frames of the work object or tool `name`, which is one of two `kind`s."""
     return ir.Product(tuple(f"{name}{frame}" for frame in _FRAMES_OF[kind]))
 
 
 def _translate_declaration(line: Line) -> list[Op]:
-    """Return the operations of a declaration: a value in numbers, else one that is not known."""
+    """Return the operations of a declaration, which gives numbers or an unknown value to a name."""
     name, value = line["name"], line["value"]
     found: list[Op] = [
         ir.Local(frozenset({name})),
@@ -149,7 +150,7 @@ def _translate_declaration(line: Line) -> list[Op]:
 
 
 def _translate_assignment(line: Line) -> list[Op]:
-    """Return the operations of an assignment: numbers of a target or a frame, else an unknown value."""
+    """Return the operations of an assignment, which gives numbers or an unknown value to a name."""
     name, part, value = line["name"], line["part"], line["value"]
     given = [] if part else _assign_data(line, name, *line.span("value"), *_LITERALS)
     if part in {".UFRAME", ".OFRAME", ".TFRAME"} and re.fullmatch(_POSES, value):
@@ -162,7 +163,7 @@ def _translate_assignment(line: Line) -> list[Op]:
 
 
 def _translate_move(line: Line) -> list[Op]:
-    """Return the operations of a move; it is left if a target is not given by numbers.
+    """Return the operations of a move; a move without a target in numbers is not corrected.
 
     Raises:
         Misread: arguments are missing, unknown or computed.

@@ -58,7 +58,7 @@ def read_table(machine: Machine, sources: tuple[Source, ...]) -> None:
 
 
 def _is_row(line: str) -> bool:
-    """Return whether a line is neither empty nor a comment."""
+    """Return whether a line is a row of the table, neither empty nor a comment."""
     return bool(line.strip()) and not line.lstrip().startswith("#")
 
 
@@ -74,9 +74,11 @@ class _TableColumns(NamedTuple):
 
 
 def _translate_row(columns: _TableColumns, masked: str) -> list[tuple[int, Op]]:
-    """Return a row as a list of one move with its offset in the row, 0; an empty line gives no move.
+    """Return the operations of a row: one move, with the number of lines below the row's first line, 0.
 
-    If a cell is not a number or the tool changes, the move has the reason why it is not corrected. `masked` is
+    An empty line gives no move.
+
+    If a cell is not a number or the tool changes, the move has a reason and is not corrected. `masked` is
     the text of the row with NUL in place of each number.
     """
     if not _is_row(masked):
@@ -105,10 +107,10 @@ def _translate_row(columns: _TableColumns, masked: str) -> list[tuple[int, Op]]:
 
 
 def _understand_header(machine: Machine, line: int, header: str, first: str) -> _TableColumns:
-    """Return the columns of a table by its header and the masked of its first row.
+    """Return the columns of a table; `first` is the first row with NUL in place of each number.
 
     Raises:
-        ProgramError: the header does not name coordinates with their units; `line` is for the message.
+        ProgramError: the header does not name coordinates with their units, on its line `line`.
     """
     delimiter = max(";\t,", key=header.count)
     texts = header.split(delimiter)
