@@ -170,7 +170,9 @@ def _find_parts(archive: Archive) -> tuple[dict[str, str], str | None, str | Non
         if part is not None and names.setdefault(name, part) is not part:
             raise archive.build_error(f"two sheets have the name {quote(name)}")
     if not names or any(len(related[kind]) > 1 for kind in ("sharedStrings", "styles")):
-        raise archive.build_error("the workbook has no sheet, or more than one part with shared texts or with styles")
+        raise archive.build_error(
+            "the workbook has no sheet, or more than one part with shared texts or with styles"
+        )
     texts, styles = (next(iter(related[kind].values()), None) for kind in ("sharedStrings", "styles"))
     return names, texts, styles
 
@@ -222,7 +224,9 @@ def _iterate_children(archive: Archive, element: Element) -> Iterator[tuple[str,
         name = _NAMES.get(child.tag)
         if name not in allowed:
             tag = child.tag.rpartition("}")[2]
-            raise archive.build_error(f"element {quote(element.tag)} contains {quote(tag)}, which is not allowed")
+            raise archive.build_error(
+                f"element {quote(element.tag)} contains {quote(tag)}, which is not allowed"
+            )
         yield name, child
 
 
@@ -342,7 +346,9 @@ class _Sheet:
         if type_ == "s" and value:
             known = value.isascii() and value.isdigit() and len(value) < 8
             if not known or int(value) >= len(self._texts):
-                raise self._workbook_error(f"a cell refers to a shared text that the workbook lacks, {quote(value)}")
+                raise self._workbook_error(
+                    f"a cell refers to a shared text that the workbook lacks, {quote(value)}"
+                )
             value = self._texts[int(value)]
         if len(value) > grid.MAX_CELL_LENGTH:
             raise self._workbook_error(f"a cell has more than {grid.MAX_CELL_LENGTH} characters")
@@ -374,11 +380,17 @@ class Archive:
         parts = self._zip.infolist()
         self._parts = {part.filename: part for part in parts}
         if len(parts) > _MAX_PARTS or len(self._parts) != len(parts):
-            raise self.build_error(f"the file has more than {_MAX_PARTS} parts, or two parts with the same name")
+            raise self.build_error(
+                f"the file has more than {_MAX_PARTS} parts, or two parts with the same name"
+            )
         if sum(part.file_size for part in parts) > MAX_UNPACKED_BYTES:
-            raise self.build_error(f"the file has more than {MAX_UNPACKED_BYTES // 1024**2} MiB when it is unpacked")
+            raise self.build_error(
+                f"the file has more than {MAX_UNPACKED_BYTES // 1024**2} MiB when it is unpacked"
+            )
         if any(part.file_size > _MAX_PLAIN_BYTES + _MAX_RATIO * part.compress_size for part in parts):
-            raise self.build_error(f"a part of the file is more than {_MAX_RATIO} times as large when it is unpacked")
+            raise self.build_error(
+                f"a part of the file is more than {_MAX_RATIO} times as large when it is unpacked"
+            )
         if any(part.flag_bits & 1 for part in parts):
             raise self.build_error("the file is encrypted")
 
@@ -389,7 +401,9 @@ class Archive:
 
     def _damaged_error(self, error: BaseException) -> ImportFileError:
         """Return the error that the file is no archive, or is damaged; `error` is what `zipfile` raised."""
-        return self.build_error(f"the file is not an Excel file (.xlsx), or is damaged ({type(error).__name__})")
+        return self.build_error(
+            f"the file is not an Excel file (.xlsx), or is damaged ({type(error).__name__})"
+        )
 
     def elements(self, name: str, *wanted: str) -> Iterator[Element]:
         """Yield the wanted elements of a part in their order, each with its children.
@@ -420,7 +434,9 @@ class Archive:
         if self._tags > MAX_XML_TAGS:
             raise self.build_error(f"the file has more than {MAX_XML_TAGS} XML tags up to part {quote(name)}")
 
-    def _parse_elements(self, stream: _LimitedStream, name: str, wanted: tuple[str, ...]) -> Iterator[Element]:
+    def _parse_elements(
+        self, stream: _LimitedStream, name: str, wanted: tuple[str, ...]
+    ) -> Iterator[Element]:
         """Yield the wanted elements of a stream of XML; other elements are dropped to save memory."""
         tags = {tag for tag, known in _NAMES.items() if known in wanted}
         path: list[Element] = []

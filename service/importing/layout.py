@@ -267,7 +267,9 @@ def _check_end_of_file(grid: Grid, rows: Sequence[Row], faults: Faults) -> str |
     is_beginning = any(cell.startswith(last) and (number or narrower) for cell in others if cell != last)
     lacks_decimals = number and narrower and length == 0 < min(lengths)  # 22 below 836.13 and 63.6
     if shorter or is_beginning or lacks_decimals:
-        reason = f"its last line has no line break at the end, and {quote(last)} is shorter than the cells above"
+        reason = (
+            f"its last line has no line break at the end, and {quote(last)} is shorter than the cells above"
+        )
         remedy = "export or copy the file again; if it is complete, end its last line"
         faults.report(place, f"the file is cut off: {reason}", remedy)
     complete = last in others or 0 < length == max(lengths) or length >= _FINE

@@ -27,11 +27,23 @@ from jointstiff.schemas.robot import Body
 from jointstiff.service.importing import grid
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.excel import read_workbook
-from jointstiff.service.importing.grammar import POINTS, Quantity, split_along_target, collapse_blanks, name_unit
+from jointstiff.service.importing.grammar import (
+    POINTS,
+    Quantity,
+    split_along_target,
+    collapse_blanks,
+    name_unit,
+)
 from jointstiff.service.importing.grid import Grid, file_type, read_text
 from jointstiff.service.importing.layout import Layout, understand_table
 from jointstiff.service.importing.masses import is_mass_table, read_mass_table
-from jointstiff.service.importing.rows import ObservationRecord, NameReader, RowReader, TimesAndRoundings, Value
+from jointstiff.service.importing.rows import (
+    ObservationRecord,
+    NameReader,
+    RowReader,
+    TimesAndRoundings,
+    Value,
+)
 
 _NO_OPTIONS: Final = ImportOptions()
 _Uncertainty = Literal["coordinate", "point"]
@@ -188,7 +200,9 @@ class _Reader:
         states = [state for state in _STATES if state in present]
         read = states not in _HALVES
         if targets and read:
-            observations, lacking = _drop_incomplete_readings(observations, targets, faults, self._options.allow_missing)
+            observations, lacking = _drop_incomplete_readings(
+                observations, targets, faults, self._options.allow_missing
+            )
             notes += lacking
         sigmas = _check_sigmas(observations, faults)
         for kind, count in sigmas.items():

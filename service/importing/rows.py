@@ -128,7 +128,9 @@ class NameReader:
         self._grid, self._notes, self._words = layout.grid, notes, options.state_words
         self._stated = options.state
         self._texts, self._needed = dict(layout.columns.texts), set(layout.columns.needed)
-        self._by_file: dict[frozenset[str], NameParts] = {}  # parts from the file's name, by the missing kinds
+        self._by_file: dict[
+            frozenset[str], NameParts
+        ] = {}  # parts from the file's name, by the missing kinds
         self._file_says_state = contains_state_word(self._grid.stem, self._words)
         self._point: Template | None = None
         self._file = NameParts()
@@ -392,7 +394,9 @@ class TimesAndRoundings:
             example = f"such as {quote(self.unclear[0])} ({len(self.unclear)} rows)"
             notes.append(f"times were not understood and not used, {example}: give them with `measured_at`")
         if self.rounded:
-            notes.append(f"an uncertainty U(95) of 0, rounded to 1 µm, was read as 0.5 µm ({self.rounded} cells)")
+            notes.append(
+                f"an uncertainty U(95) of 0, rounded to 1 µm, was read as 0.5 µm ({self.rounded} cells)"
+            )
         return notes
 
 

@@ -72,7 +72,7 @@ class Cause(NamedTuple):
 
 
 class WrittenNumbers(NamedTuple):
-    """Numbers in the text of a program that a name holds or a move uses."""
+    """Numbers in the text of a program that are the content of a name or the target of a move."""
 
     label: str  # name that holds the numbers; empty without a name
     source: int  # index of the file
@@ -108,10 +108,10 @@ class Columns:
         self._target_causes: dict[int, Cause] = {}  # targets whose numbers have to stay, and why
 
     def restore_spelling(self, text: str, source: int, line: int) -> str:
-        """Return a text with names as the program spells them near a line; quotations stay as they are."""
+        """Return a text with names as the program spells them near a line; quotations are not changed."""
 
         def find_spelling(match: re.Match[str]) -> str:
-            """Return the spelling of one name in the text behind the line; remember it for other lines."""
+            """Return the spelling of one name in the text after the line; store the spelling for other lines."""
             name = match[0]
             if name[0] != "'" and self._folded and name not in self.spelled:
                 start = self._sources[source].starts[max(line - 1, 0)]
@@ -137,7 +137,12 @@ class Columns:
         raise ProgramError([Fault(self._sources[0].name, line, reason, remedy)])
 
     def add_move(
-        self, op: Move, line: int, targets: Sequence[WrittenNumbers], frames: Sequence[Frames], cause: Cause | None
+        self,
+        op: Move,
+        line: int,
+        targets: Sequence[WrittenNumbers],
+        frames: Sequence[Frames],
+        cause: Cause | None,
     ) -> None:
         """Add a move with its targets, or note the move as left without a correction if there is a cause.
 
@@ -214,7 +219,9 @@ class Columns:
         elif frames is not None and (base, tool) != (self._targets[row + 5], self._targets[row + 6]):
             other = f"used with another base or tool on line {self._targets[row + 3]}"
             remedy = "use a separate target for each base and tool: one correction cannot suit both"
-            self._target_causes.setdefault(index, Cause(used, f"target {shown(target.label)} is {other}", remedy))
+            self._target_causes.setdefault(
+                index, Cause(used, f"target {shown(target.label)} is {other}", remedy)
+            )
         return index
 
     def _index_frame(self, role: str, frame: FrameName | Cause | None) -> int:
@@ -341,7 +348,11 @@ class Columns:
         for faults, reason, remedy in (
             (out, f"a number of a target is out of range, beyond {MAX_VALUE:g}", _WRITE_ANEW),
             (unlike, "a quaternion or an axis is not of unit length", _WRITE_ANEW),
-            (_find_changed_numbers(steady), "the tool or the base changes within the table", "send a table for each of them"),
+            (
+                _find_changed_numbers(steady),
+                "the tool or the base changes within the table",
+                "send a table for each of them",
+            ),
             (away, _AWAY, _CARRY_NOTHING),
             (moved | crowded[known], "an external axis or another group moves", _CARRY_NOTHING),
         ):

@@ -1,4 +1,4 @@
-"""The one interpreter: constants propagated over the control flow of a program in the intermediate language.
+"""Interpreter of programs in the intermediate language, which propagates constants along the control flow.
 
 A state holds the value of each name on every path to a statement: numbers in the text, a name, or the cause
 why the value is unknown. Where paths meet, values that differ are unknown. The program is passed through
@@ -27,7 +27,7 @@ from jointstiff.service.programs.program import FrameName, Literal, Source
 from jointstiff.solver.arrays import FloatArray, IndexArray
 
 _MAX_SHAPES: Final = 10_000
-"""Shapes of statements that are remembered."""
+"""Largest number of masked statements whose translations are remembered."""
 _MAX_STATEMENT: Final = 16_384
 _MAX_WORK: Final = 10_000_000
 """Steps, and names in states that are joined: beyond it, a program is not one that people wrote."""
@@ -39,20 +39,20 @@ UNKNOWN: Final = "\0everything"
 """Name in a state behind an unknown call: its value is the cause why values of other names are unknown."""
 
 Content: TypeAlias = WrittenNumbers | Cause | str
-"""Value of a name: numbers, a cause why they are unknown, or a name if only that is known."""
+"""Content of a name: numbers, the cause why the numbers are unknown, or only the name of another value."""
 State: TypeAlias = dict[str, tuple[Content, int]]
-"""Value of each name, and the line that gave the value."""
+"""Content of each name, and the line of the statement that set this content."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scope:
-    """Routine, and the names that belong to it."""
+    """Routine, and the names of its local variables."""
 
     routine: str
     names: set[str] = field(default_factory=set)
 
     def qualify(self, name: str) -> str:
-        """Return a name with the routine's name appended, if the name belongs to this routine."""
+        """Return a name, with the routine's name appended if the name is a local variable of the routine."""
         return f"{name}{OF}{self.routine}" if _name_of_whole(name) in self.names else name
 
 
@@ -67,12 +67,12 @@ class Place:
     scope: Scope
 
     def cause(self, reason: str, remedy: str = CONSTANT) -> Cause:
-        """Return a cause at this place; numbers that the reason quotes by their ordinals are inserted."""
+        """Return a cause at this place; ordinals of numbers in the reason are replaced by the numbers."""
         words = re.sub("\0(\\d+)\0", lambda match: f"{self.values[self.first + int(match[1])]:g}", reason)
         return Cause(self.line, words, remedy, self.source)
 
     def qualify(self, name: Name) -> str:
-        """Return a name with its number inserted, and with its routine if it belongs to one."""
+        """Return a name with its number inserted, or with the routine to which a local variable belongs."""
         if isinstance(name, str):
             return self.scope.qualify(name)
         value = float(self.values[self.first + name[1]])
@@ -80,7 +80,7 @@ class Place:
 
 
 def _name_of_whole(name: str) -> str:
-    """Return the name of the structure that a name is a field of: `FP1` for `FP1.TOOL`; else the name."""
+    """Return the name of the structure to which a field belongs: `FP1` for `FP1.TOOL`; else the name."""
     if "." not in name:
         return name
     part, of, routine = name.partition(OF)
@@ -88,7 +88,7 @@ def _name_of_whole(name: str) -> str:
 
 
 class UnmatchedEnd(Misread):
-    """Error that a branch, a loop, a routine or a jump has only one end; `place` is the index of that end."""
+    """Error that a branch, loop, routine or jump lacks its beginning or end; `place` is the index of the other."""
 
     def __init__(self, place: int, reason: str, remedy: str) -> None:
         super().__init__(reason, remedy)
@@ -101,19 +101,19 @@ class _Nest:
 
     kind: str
     begin: int  # index of the operation that begins it
-    other_branches: list[int] = field(default_factory=list)  # where its other branches begin
-    exits: list[int] = field(default_factory=list)  # where it is left, or begun anew
-    has_default: bool = False  # whether one of its branches is always taken, as with a default
+    other_branches: list[int] = field(default_factory=list)  # indices at which its other branches begin
+    exits: list[int] = field(default_factory=list)  # indices at which it is left, or begun again
+    has_default: bool = False  # whether it has a default branch, so that one branch is always taken
 
 
 class ControlFlow:
     """Control flow of a program: the operations that may follow each operation, besides the next one.
 
-    Successors that are never taken do no harm, but missing ones would: any branch may be skipped.
+    A successor that is never reached does no harm, but a missing successor would: any branch may be skipped.
     """
 
     def __init__(self, ops: list[Op], names: list[str]) -> None:
-        """Find both ends of all branches, loops, routines and jumps.
+        """Find beginning and end of all branches, loops and routines, and the labels of all jumps.
 
         Args:
             ops: operations in the order of the text; missing ends of routines are appended to them.
@@ -149,7 +149,7 @@ class ControlFlow:
             self._add_error_exits()
 
     def _link_jumps(self, names: list[str]) -> None:
-        """Let jumps lead to their labels; a computed jump leads to all labels of its routine.
+        """Add the label of each jump to its successors; for a computed jump, add all labels of its routine.
 
         Raises:
             UnmatchedEnd: the label does not exist.
@@ -162,7 +162,7 @@ class ControlFlow:
             self.successors[i] += places
 
     def _add_error_exits(self) -> None:
-        """Let each operation lead to the end of its routine.
+        """Add the end of its routine to the successors of each operation.
 
         An error may occur anywhere, and a handler of the caller may then continue behind the call.
         """
@@ -171,10 +171,10 @@ class ControlFlow:
                 self.successors[i].append(end)
 
     def _take_operation(self, i: int, op: ir.Flow) -> None:
-        """Take the operation with index i into the control flow.
+        """Add the operation with index i to the control flow.
 
         Raises:
-            UnmatchedEnd: it ends what did not begin, or is nested too deep.
+            UnmatchedEnd: the operation ends a block that did not begin, or is nested too deep.
         """
         if op.kind in {"routine", "aside", "if", "loop", "repeat"}:
             if len(self._nests) >= _MAX_DEPTH:
@@ -195,7 +195,7 @@ class ControlFlow:
             self._end_block(i, op.kind)
 
     def _begin_routine(self, i: int, op: ir.Flow) -> _Nest:
-        """Begin a routine at index i; a handler without a name gets one.
+        """Begin a routine at index i; name a handler that has no name; return the open block.
 
         Raises:
             UnmatchedEnd: the routine is defined twice.
@@ -257,18 +257,18 @@ class Machine:
         self._ops, self._places = list[Op](), list[Place]()
         self._scopes, self._closed = [Scope("")], Scope("")
         self._initial: dict[str, Content] = {}  # values of names before the program runs
-        self._constants: set[str] = set()  # names that no other program changes
-        self._shared: set[str] = set()  # names that other programs use, too
+        self._constants: set[str] = set()  # names that are declared as constants
+        self._shared: set[str] = set()  # names that other programs use as well
         self._own: set[str] = set()  # names that no other program knows
         self._changes: dict[str, list[Cause]] = defaultdict(list)  # statements that may change each name
-        self._used: dict[str, int] = {}  # names that are used otherwise than as targets, and a line
-        self._causes: list[Cause] = []  # whatever is not understood
-        # what may have changed the data of the controller in an earlier run
+        self._used: dict[str, int] = {}  # line on which a name is used otherwise than as a target
+        self._causes: list[Cause] = []  # causes of all statements that are not understood
+        # first statement that may have changed the data of the controller in an earlier run
         self._earlier: Cause | None = None
         self._anytime: dict[str, Cause] = {}  # names that routines change which may run at any time
         self._changed: dict[str, dict[str, Cause]] = defaultdict(dict)  # names that each routine may change
         self._callers: dict[str, set[str]] = defaultdict(set)  # callers of each routine
-        self._incoming: dict[int, State] = {}  # state led to a place, other than from the step before
+        self._incoming: dict[int, State] = {}  # joined states of all jumps to an operation
         self._exits: dict[str, State | None] = {}  # state at the end of each routine
         self._state_operations: dict[
             str, list[int]
@@ -306,7 +306,7 @@ class Machine:
             starts: (k,) first character of each statement.
             ends: (k,) last character + 1 of each statement.
             declares: kind of the declarations in a file of data, which hold from the beginning; else "".
-            translate: function that translates the masked of a statement; that of the language by default.
+            translate: function that translates the masked text of a statement; default: that of the language.
 
         Raises:
             ProgramError: a statement is too long, or not understood at all.
@@ -319,7 +319,9 @@ class Machine:
             reason = f"a statement has more than {_MAX_STATEMENT} characters"
             self.refuse(int(lines[long[0]]), reason, "split it", source)
         known: dict[str, list[tuple[int, Op]]] = {}
-        last: list[tuple[int, Op]] | None = None  # move before, if the next one may differ in numbers only
+        last: list[tuple[int, Op]] | None = (
+            None  # operations of the last move, if the next move may differ from it in numbers only
+        )
         for masked, line, number in zip(masked_texts, lines.tolist(), first.tolist(), strict=True):
             ops = known.get(masked)
             if ops is None:
@@ -365,7 +367,7 @@ class Machine:
                 self._ops.append(op)
 
     def _enter_scope(self, op: ir.Flow) -> None:
-        """Enter the scope of a routine, or leave it."""
+        """Enter the scope of a routine or a block that begins, or leave the scope of one that ends."""
         if op.kind in {"routine", "aside"}:  # a handler without a name shares the scope of its routine
             self._scopes.append(Scope(str(op.name)) if op.name else self._closed)
         elif op.kind in {"if", "loop", "repeat"}:
@@ -374,7 +376,7 @@ class Machine:
             self._closed = self._scopes.pop()
 
     def _declare(self, place: Place, op: ir.Assign, kind: str) -> None:
-        """Note the initial value of a name that is declared, and whether other programs may change it."""
+        """Note the initial content of a declared name, and whether other programs may change this content."""
         name = place.qualify(op.name)
         self._shared |= {name} if op.shared or kind == "shared" else set()
         self._own |= {_name_of_whole(name)} if op.own else set()
@@ -387,7 +389,7 @@ class Machine:
     # what holds for all of the program
 
     def _collect_changes(self) -> None:
-        """Collect the statements that may change each name, anywhere in the program."""
+        """Collect, for each name, the statements anywhere in the program that may change its content."""
         for place, op in zip(self._places, self._ops, strict=True):
             if isinstance(op, ir.Assign):
                 name = place.qualify(op.name)
@@ -402,7 +404,7 @@ class Machine:
             self._anytime.update(self._changed[name])
 
     def _collect_unknown_values(self, place: Place, op: ir.MakeUnknown) -> None:
-        """Collect the changes by a statement that gives unknown values."""
+        """Note the cause of a statement that gives unknown values, for the names that it changes."""
         cause = place.cause(op.reason, op.remedy)
         self._causes.append(cause)
         self._earlier = self._earlier or (None if op.names else cause)
@@ -412,7 +414,7 @@ class Machine:
             self._changes[place.qualify(each)].append(cause)
 
     def _collect_call(self, place: Place, op: ir.Call) -> None:
-        """Collect the changes by a call; the routine may also change its arguments."""
+        """Note what a call may change: the arguments of the routine, and for an unknown routine all names."""
         cause = place.cause(f"{shown(str(op.name))} gets it as an argument, and may change it")
         for passed in map(place.scope.qualify, op.passed):
             self._changes[passed].append(cause)
@@ -431,7 +433,7 @@ class Machine:
             self.columns.add_remark(place.line, f"{op.name} is called; {statement}")
 
     def _explain_unknown_call(self, place: Place, op: ir.Call) -> Cause | None:
-        """Return the cause why values are unknown behind a call; None if the routine is known or allowed."""
+        """Return the cause why values are unknown after a call; None if the called routine is allowed."""
         name = place.qualify(op.name)
         if op.quiet or name.upper() in self._allowed:
             return None
@@ -444,11 +446,11 @@ class Machine:
         return [name, *(f"{whole}{part}{of}{routine}" for part in self._language.parts)]
 
     def _is_direct_call(self, op: ir.Call) -> bool:
-        """Return whether an operation calls a routine of the program directly, not by an event."""
+        """Return whether a call starts a routine of this program directly, not when an event occurs."""
         return op.name in self._flow.begins and not op.attached
 
     def _summarise_routines(self) -> None:
-        """Find the names that each routine may change, itself or by the routines that it calls."""
+        """Find the names that each routine may change itself, or through the routines that it calls."""
         callers = self._callers
         for i, op in enumerate(self._ops):
             routine, state = self._flow.routine[i], dict[str, tuple[Content, int]]()
@@ -471,7 +473,7 @@ class Machine:
     # propagation
 
     def _enter_routines(self) -> None:
-        """Set the states in which the main routine, and routines that others may call, begin."""
+        """Set the states in which the main routine, and routines that other programs may call, begin."""
         main = next((name for name in self._flow.begins if name not in self._flow.anytime_routines), "")
         if main and (self._language.callers or main not in self._callers):
             self._anytime.update(self._changed[""])
@@ -485,9 +487,9 @@ class Machine:
                 self._incoming[begin] = {UNKNOWN: (cause, 0)}
 
     def _propagate_through(self, routine: str, indices: Iterable[int]) -> None:
-        """Carry states through the operations `indices` of a routine once; judge the moves among them."""
+        """Propagate states through the operations `indices` of a routine once; record the moves among them."""
         state: State | None = {}
-        shared = False  # whether the state is kept elsewhere, too
+        shared = False  # whether the state is stored elsewhere, so that it must be copied before a change
         self._open.append(routine)
         for i in indices:
             op = self._ops[i]
@@ -509,7 +511,7 @@ class Machine:
         self._exits[routine] = state
 
     def _pass_to_successors(self, op: ir.Flow, i: int, state: State | None) -> State | None:
-        """Lead a state from operation i to its successors; return the state behind the operation."""
+        """Join a state into the successors of operation i; return the state after the operation."""
         for place in self._flow.successors.get(i, ()):
             self._join_into(place, state)
         if op.kind in {"routine", "aside", "turn", "default"}:
@@ -517,7 +519,7 @@ class Machine:
         return self._join_states(self._incoming.get(i), state)
 
     def _follow_call(self, routine: str, state: State) -> State | None:
-        """Return the state behind a call; None if the routine's end was not reached yet."""
+        """Return the state after a call; None if the end of the called routine was not reached yet."""
         is_new = self._join_into(self._flow.begins[routine], state)
         if is_new and routine not in self._open and len(self._open) < _MAX_CALLS:
             self._propagate_through(routine, self._state_operations[routine])
@@ -530,7 +532,7 @@ class Machine:
         return {**state, **{name: self._value_and_line(returned, name) for name in changed}}
 
     def _join_into(self, place: int, state: State | None) -> bool:
-        """Join a state with the states that lead to a place; return whether the place's state changed."""
+        """Join a state into the state at operation `place`; return whether the state at the operation changed."""
         known = self._incoming.get(place)
         joined = self._join_states(known, state)
         if joined is None or joined is known:
@@ -540,7 +542,7 @@ class Machine:
         return True
 
     def _join_states(self, known: State | None, state: State | None) -> State | None:
-        """Return the join of two states; a name whose values differ gets a cause why it is unknown."""
+        """Return the join of two states: equal contents, and a cause where the contents of a name differ."""
         if known is None or state is None or known == state:
             return state if known is None else known
         joined = dict(known)
@@ -561,7 +563,7 @@ class Machine:
             self.refuse(None, "the program has too many branches and names", "split it")
 
     def _update_state(self, state: State, i: int) -> None:
-        """Change a state by operation i: an assignment, unknown values, or the call of an unknown routine."""
+        """Apply operation i to a state: an assignment, unknown values, or the call of an unknown routine."""
         op, place = self._ops[i], self._places[i]
         if isinstance(op, ir.Assign):
             name = place.qualify(op.name)
@@ -572,27 +574,29 @@ class Machine:
                 self._forget_names(state, cause)
             for each in map(place.qualify, op.names):
                 state.update(dict.fromkeys(self._list_name_and_fields(each), (cause, place.line)))
-        elif isinstance(op, ir.Call) and not op.attached and (unknown := self._explain_unknown_call(place, op)):
+        elif (
+            isinstance(op, ir.Call) and not op.attached and (unknown := self._explain_unknown_call(place, op))
+        ):
             self._forget_names(state, unknown)
 
     def _forget_names(self, state: State, cause: Cause) -> None:
-        """Forget the values of all names that an unknown routine may change, for a cause."""
+        """Remove the names that an unknown routine may change from a state; note the cause under `UNKNOWN`."""
         for name in [name for name in state if not self._is_protected(name)]:
             del state[name]
         state[UNKNOWN] = cause, cause.line
 
     def _is_protected(self, name: str) -> bool:
-        """Return whether no unknown routine can change the value of a name."""
+        """Return whether the content of a name is safe from changes by unknown routines."""
         own = _name_of_whole(name) in self._own and not self._find_changes(name)
         return own or name in self._constants or OF in name
 
     def _find_changes(self, name: str) -> list[Cause]:
-        """Return the causes that change a name, else its structure, else its array."""
+        """Return the changes of a name; without any, those of its structure, else those of its array."""
         among = name, _name_of_whole(name), name.partition("[")[0]
         return next((changes for each in among if (changes := self._changes.get(each))), [])
 
     def _evaluate(self, place: Place, name: str, value: Value, state: State) -> Content:
-        """Return the value that a name gets by an assignment at a place, in a state."""
+        """Return the content that an assignment of `value`, at a place and in a state, gives to a name."""
         if isinstance(value, Literal):
             return WrittenNumbers(name, place.source, place.line, place.first, value)
         content: Content = place.qualify(value.name)
@@ -605,27 +609,32 @@ class Machine:
         return content
 
     def _value_and_line(self, state: State, name: str) -> tuple[Content, int]:
-        """Return the value of a name in a state, and the line that gave the value."""
+        """Return the content of a name in a state, and the line of the statement that set this content."""
         if name == UNKNOWN:
             return state.get(name, ("", 0))
         if _name_of_whole(name) in self._language.constants:
             return name, 0
-        steady = self._is_protected(name)
-        content: Content | None = self._anytime.get(name) or (None if steady else self._anytime.get(UNKNOWN))
+        protected = self._is_protected(name)
+        content: Content | None = self._anytime.get(name) or (
+            None if protected else self._anytime.get(UNKNOWN)
+        )
         if content is None and name in state:
             return state[name]
-        if content is None and UNKNOWN in state and not steady:
+        if content is None and UNKNOWN in state and not protected:
             content = state[UNKNOWN][0]
-        content = content or self._initial_value(name, steady=steady)
+        content = content or self._initial_value(name, protected=protected)
         if isinstance(content, Cause) and self._language.is_frame(name):
             content = content._replace(shows=name)
         return content, content.line if isinstance(content, Cause) else 0
 
-    def _initial_value(self, name: str, *, steady: bool) -> Content:
-        """Return the value of a name when the program begins; `steady` if no unknown routine changes it."""
+    def _initial_value(self, name: str, *, protected: bool) -> Content:
+        """Return the content of a name when the program begins.
+
+        `protected` tells whether no unknown routine can change the content.
+        """
         changes = self._find_changes(name)
         if name in self._initial and not changes:
-            return self._initial[name] if steady or self._earlier is None else self._earlier
+            return self._initial[name] if protected or self._earlier is None else self._earlier
         if (active := self._language.active.get(name)) is not None:
             return active
         if changes:
@@ -643,8 +652,8 @@ class Machine:
         States are passed through the routines until none changes; a last pass adds the moves.
 
         Returns:
-            Targets and moves; the line of each name that is used other than as a target; causes why
-            statements are not understood.
+            Targets and moves as columns; for each name that is used other than as a target, a line of use;
+            causes why statements are not understood.
 
         Raises:
             ProgramError: the text is not understood.
@@ -662,7 +671,7 @@ class Machine:
         except UnmatchedEnd as fault:
             place = self._places[fault.place]
             self.refuse(place.line, fault.reason, fault.remedy, place.source)
-        # Ends of routines that were appended get the place of the last statement.
+        # Ends of routines that `ControlFlow` appended get the place of the last statement.
         self._places += self._places[-1:] * (len(self._ops) - len(self._places))
         self._collect_changes()
         self._enter_routines()
@@ -682,7 +691,7 @@ class Machine:
         return self.columns, self._used, self._causes
 
     def _record_move(self, op: ir.Move | ir.MoveToStored, i: int, state: State | None) -> None:
-        """Add a move, operation i, to the columns, with targets and frames, or the cause why it is left."""
+        """Add the move of operation i, and the moves like it, to the columns, or the cause why they are left."""
         place = self._places[i]
         if isinstance(op, ir.MoveToStored):
             text = f"a move to {op.name}, a position stored in the controller"
@@ -710,19 +719,21 @@ class Machine:
     def _add_move(
         self, op: ir.Move, place: Place, cause: Cause | None, frames: list[Frames], state: State
     ) -> None:
-        """Add one move to the columns, with its targets in a state; it is left if there is a cause."""
-        content = [self._evaluate_target(place, each, state) for each in op.targets]
-        cause = cause or next((each for each in content if isinstance(each, Cause)), None)
+        """Add one move to the columns, with its targets in a state; with a cause, the move is not corrected."""
+        contents = [self._evaluate_target(place, each, state) for each in op.targets]
+        cause = cause or next((each for each in contents if isinstance(each, Cause)), None)
         if cause is not None:
             self._used.update(
                 (place.qualify(name), place.line) for name in op.targets if not isinstance(name, Literal)
             )
             cause = cause if cause.line else cause._replace(line=place.line, source=place.source)
-        given = [each for each in content if isinstance(each, WrittenNumbers)]
+        given = [each for each in contents if isinstance(each, WrittenNumbers)]
         self.columns.add_move(op, place.line, given, frames, cause)
 
-    def _find_cause_to_leave(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> Cause | None:
-        """Return the cause why a move is left, apart from its targets; None without a cause."""
+    def _find_cause_to_leave(
+        self, place: Place, op: ir.Move, frames: list[Frames], state: State
+    ) -> Cause | None:
+        """Return the cause why a move cannot be corrected, apart from its targets; None without a cause."""
         if op.reason:
             return place.cause(op.reason, op.remedy)
         for each in (each for pair in frames for each in pair):
@@ -740,7 +751,7 @@ class Machine:
         return None
 
     def _evaluate_target(self, place: Place, target: Literal | Name, state: State) -> WrittenNumbers | Cause:
-        """Return the numbers of a target in a state, or the cause why they are unknown."""
+        """Return the numbers of a target in a state, or the cause why these numbers are unknown."""
         if isinstance(target, Literal):
             return WrittenNumbers("", place.source, place.line, place.first, target)
         name = place.qualify(target)
@@ -756,15 +767,15 @@ class Machine:
         return place.cause(f"{unknown}: {reason}" if reason else unknown, self._language.remedy)
 
     def _evaluate_frame(self, place: Place, value: Value | ir.Product, state: State) -> FrameName | Cause:
-        """Return a frame in a state, or the cause why it is unknown; frames of a product are multiplied."""
+        """Return a frame in a state, multiplied if it is a product, or the cause why the frame is unknown."""
         values = [ir.Copy(name) for name in value.names] if isinstance(value, ir.Product) else [value]
-        content = [self._evaluate(place, "", each, state) for each in values]
-        for each in content:
+        contents = [self._evaluate(place, "", each, state) for each in values]
+        for each in contents:
             if isinstance(each, Cause):
                 return each
-        given = tuple(each for each in content if isinstance(each, WrittenNumbers))
-        if len(given) < len(content):
-            names = {_name_of_whole(each) for each in content if isinstance(each, str)}
+        given = tuple(each for each in contents if isinstance(each, WrittenNumbers))
+        if len(given) < len(contents):
+            names = {_name_of_whole(each) for each in contents if isinstance(each, str)}
             if given or len(names) > 1:
                 return place.cause("only part of the frame is in numbers", "give the whole frame in numbers")
             name = names.pop()
@@ -781,9 +792,11 @@ class Machine:
         return FrameName(self._restore_spelling(place, label), pose)
 
     def _frame_by_name(self, place: Place, name: str) -> FrameName:
-        """Return a frame that is known by its name only, with a pose if no program can change the frame."""
+        """Return a frame of which only the name is known; add a pose if no program can change the frame."""
         if name not in self._named:
-            self._named[name] = FrameName(self._restore_spelling(place, name), self._language.constants.get(name))
+            self._named[name] = FrameName(
+                self._restore_spelling(place, name), self._language.constants.get(name)
+            )
         return self._named[name]
 
     def _restore_spelling(self, place: Place, name: str) -> str:
@@ -791,7 +804,7 @@ class Machine:
         return self.columns.restore_spelling(name, place.source, place.line)
 
     def _multiply_poses(self, given: Iterable[WrittenNumbers]) -> FloatArray | None:
-        """Return the product (4, 4) [m] of poses in numbers; None if the numbers of one are not a pose."""
+        """Return the product (4, 4) [m] of poses in numbers; None if some numbers are not a pose."""
         poses = []
         for each in given:
             notation = each.literal.notation

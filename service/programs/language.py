@@ -58,7 +58,9 @@ class Assign(NamedTuple):
 
     name: Name
     value: Value
-    declares: str = ""  # `variable` or `constant` if the name has the value before the program runs; else empty
+    declares: str = (
+        ""  # `variable` or `constant` if the name has the value before the program runs; else empty
+    )
     shared: bool = False  # whether other programs know the name
     own: bool = False  # whether no other program knows the name
 
@@ -84,7 +86,9 @@ class Call(NamedTuple):
     name: Name
     passed: frozenset[str] = frozenset()  # names that the routine gets as arguments
     attached: bool = False
-    quiet: bool = False  # whether the call changes nothing, unless the program defines a routine with this name
+    quiet: bool = (
+        False  # whether the call changes nothing, unless the program defines a routine with this name
+    )
 
 
 class Use(NamedTuple):
@@ -206,16 +210,26 @@ class Language:
     operators: str = ""  # pattern of words between or before operands
     reserved: str = r"(?!)"  # pattern of words that begin statements: none of them is a variable
     functions: str = ""  # pattern of the controller's functions, which return a value and change nothing
-    active: Mapping[str, str] = field(default_factory=dict)  # names of the active frames' variables, and of the frames in messages
+    active: Mapping[str, str] = field(
+        default_factory=dict
+    )  # names of the active frames' variables, and of the frames in messages
     constants: Mapping[str, FloatArray] = field(default_factory=dict)  # frames that no program changes
-    is_frame: Callable[[str], bool] = lambda _: False  # tells whether a name is that of a frame with numbers outside the program
-    parts: tuple[str, ...] = ()  # endings such as `.BASE`, with which a name becomes the name of one of its fields
+    is_frame: Callable[[str], bool] = lambda _: (
+        False
+    )  # tells whether a name is that of a frame with numbers outside the program
+    parts: tuple[
+        str, ...
+    ] = ()  # endings such as `.BASE`, with which a name becomes the name of one of its fields
     callers: bool = False  # whether other programs may call each of the routines
     suffixes: str = ""  # suffixes of the names of its files, separated by blanks
     pose: Notation | None = None  # notation in which users write frames; None for the notation of the program
     remark: str = "#"  # begin of a remark
-    head: str = ""  # pattern of the beginning of the line after which the mark is inserted; empty for the first line
-    read: Callable[[Any, tuple[Source, ...]], None] | None = None  # function that adds the files to a machine; None if each line is a statement
+    head: str = (
+        ""  # pattern of the beginning of the line after which the mark is inserted; empty for the first line
+    )
+    read: Callable[[Any, tuple[Source, ...]], None] | None = (
+        None  # function that adds the files to a machine; None if each line is a statement
+    )
 
     @cached_property
     def numbers(self) -> re.Pattern[str]:
@@ -397,7 +411,9 @@ def begin_routine(
     `aside` marks a routine that may run at any time, `shared` one that other programs may call.
     """
     names = frozenset(own)
-    unknown: list[Op] = [Local(names), MakeUnknown(names, "its value is a parameter of the routine", remedy)] if names else []
+    unknown: list[Op] = (
+        [Local(names), MakeUnknown(names, "its value is a parameter of the routine", remedy)] if names else []
+    )
     return [Flow("aside" if aside else "routine", name, shared=shared), *unknown]
 
 

@@ -44,7 +44,9 @@ _GIMBAL: Final = 1e-9
 class Notation:
     """Meaning of the numbers of a target."""
 
-    orientation: Orientation  # convention of the numbers after the position; JOINTS if all numbers are joint angles
+    orientation: (
+        Orientation  # convention of the numbers after the position; JOINTS if all numbers are joint angles
+    )
     length: float = MM  # metres in the unit of position
     angle: float = DEGREE  # radians in the unit of angles (1 where there are none)
     length_decimals: int = 4  # digits behind the point that a changed position gets at least
@@ -227,7 +229,7 @@ class Numerals:
         return cls(np.concatenate(values), starts, ends, "".join(rest))
 
     def masked_texts(self, starts: IndexArray, ends: IndexArray) -> tuple[Iterator[str], IndexArray]:
-        """Cut parts out of the text.
+        """Return k parts of the text, with NUL in place of each number.
 
         Args:
             starts: (k,) first character of each part.
@@ -243,7 +245,7 @@ class Numerals:
 
 
 def _parse_numbers(numbers: Sequence[str]) -> FloatArray:
-    """Return numbers as an array; they may have decimal commas, or be binary as KUKA's 'B010'."""
+    """Parse the texts of numbers; the numbers may have decimal commas, or be binary such as KUKA's 'B010'."""
     try:
         return np.fromiter(map(float, numbers), dtype=np.float64, count=len(numbers))
     except ValueError:  # a binary number or a decimal comma: the slower way

@@ -75,7 +75,9 @@ def _refuse_one_line_if(_line: Line) -> list[Op]:
     Raises:
         Misread: always.
     """
-    raise Misread("an IF without THEN is followed by a move, a call or an assignment", "write IF ... THEN ... ENDIF")
+    raise Misread(
+        "an IF without THEN is followed by a move, a call or an assignment", "write IF ... THEN ... ENDIF"
+    )
 
 
 def _translate_instruction(line: Line) -> list[Op]:

@@ -12,7 +12,11 @@ from jointstiff.schemas.deflection import MAX_PLACES, MAX_POSES, MapOptions, Map
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_texts
-from jointstiff.service.conversion.robots import joint_kinds_by_name, refuse_far_point, refuse_wrong_joint_count
+from jointstiff.service.conversion.robots import (
+    joint_kinds_by_name,
+    refuse_far_point,
+    refuse_wrong_joint_count,
+)
 from jointstiff.service.kinds.work import Arrays, Span, Work, cut_into_spans, joined
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import (

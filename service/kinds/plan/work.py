@@ -16,7 +16,11 @@ from jointstiff.schemas.options import OwnWeight, RunOptions
 from jointstiff.schemas.plan import DecisionGoal, PlanResult
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.conversion.readings import hash_texts
-from jointstiff.service.conversion.robots import joint_kinds_by_name, refuse_far_point, refuse_wrong_joint_count
+from jointstiff.service.conversion.robots import (
+    joint_kinds_by_name,
+    refuse_far_point,
+    refuse_wrong_joint_count,
+)
 from jointstiff.service.conversion.units import to_instrument
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs

@@ -511,7 +511,10 @@ FILES = {
         "several sheets have data", {"a.xlsx": workbook(change=sheets)}, stated={"sheet": "again"}
     ),
     "no such sheet": Case(
-        "the workbook has no sheet 'Data'", {"a.xlsx": BOOK}, options={"sheet": "Data"}, stated={"sheet": "Sheet"}
+        "the workbook has no sheet 'Data'",
+        {"a.xlsx": BOOK},
+        options={"sheet": "Data"},
+        stated={"sheet": "Sheet"},
     ),
     "damaged workbook": Case(
         "is not well-formed", {"a.xlsx": repacked(BOOK, SHEET, damaged)}, {"a.xlsx": BOOK}

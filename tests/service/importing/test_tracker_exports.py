@@ -80,7 +80,9 @@ def test_the_uncertainty_of_points_is_that_of_their_readings():
 
 def test_an_uncertainty_of_zero_is_rounded():
     answer = answered(("a.csv", LEICA.replace("0.04", "0")))
-    assert answer.assumptions[-1] == "an uncertainty U(95) of 0, rounded to 1 µm, was read as 0.5 µm (1 cells)"
+    assert (
+        answer.assumptions[-1] == "an uncertainty U(95) of 0, rounded to 1 µm, was read as 0.5 µm (1 cells)"
+    )
 
 
 def test_uncertainties_of_coordinates_make_covariances():

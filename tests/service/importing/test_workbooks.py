@@ -158,15 +158,24 @@ def lying():
 @pytest.mark.parametrize(
     ("made", "said"),
     [
-        (lambda: b"PK\x03\x04" + b"x" * 1000, "the file is not an Excel file (.xlsx), or is damaged (BadZipFile)"),
+        (
+            lambda: b"PK\x03\x04" + b"x" * 1000,
+            "the file is not an Excel file (.xlsx), or is damaged (BadZipFile)",
+        ),
         (lambda: workbook()[:-30], "the file is not an Excel file (.xlsx), or is damaged (BadZipFile)"),
         (lying, "the file is not an Excel file (.xlsx), or is damaged (BadZipFile)"),
         (lambda: bomb(MAX_UNPACKED_BYTES + 1), "the file has more than 64 MiB when it is unpacked"),
         (lambda: bomb(MAX_UNPACKED_BYTES // 8, parts=9), "the file has more than 64 MiB when it is unpacked"),
         (lambda: bomb(1, parts=1001), "the file has more than 1000 parts, or two parts with the same name"),
         (lambda: bomb(10), "the file is not an Excel workbook: it has no part 'xl/_rels/workbook.xml.rels'"),
-        (lambda: related(b"worksheet"), "the workbook has no sheet, or more than one part with shared texts or with styles"),
-        (lambda: related(b"theme"), "the workbook has no sheet, or more than one part with shared texts or with styles"),
+        (
+            lambda: related(b"worksheet"),
+            "the workbook has no sheet, or more than one part with shared texts or with styles",
+        ),
+        (
+            lambda: related(b"theme"),
+            "the workbook has no sheet, or more than one part with shared texts or with styles",
+        ),
     ],
 )
 def test_an_archive_that_means_harm_is_refused(made, said):
