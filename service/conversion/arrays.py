@@ -304,8 +304,8 @@ def to_number_array(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anyt
         raise MeasurementError(
             f"`{name}` is not an array of numbers: {error}",
             where=name,
-            remedy="give an array, lists of equal lengths, or columns of a data frame; write NaN where a target "
-            "was not read",
+            remedy="give an array, lists of equal lengths, or columns of a data frame; write NaN where a "
+            "target was not read",
         ) from None
 
 

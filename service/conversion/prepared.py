@@ -70,7 +70,7 @@ def read_stated_transform(frame: Frame, length: float) -> pin.SE3:
 
 
 def to_resolved_frame(transform: pin.SE3, flange_targets: dict[str, Vector3] | None = None) -> ResolvedFrame:
-    """Return a transform from tracker to R0 [m], and the set's flange targets, as they are stored with the set."""
+    """Return a transform from tracker to R0 [m], with the set's flange targets, as a frame to be stored."""
     rigid = to_rigid(transform)
     return ResolvedFrame(
         rotation=rigid.rotation, translation=rigid.translation, flange_targets=flange_targets or {}

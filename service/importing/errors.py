@@ -69,7 +69,7 @@ class Faults:
         return len(self.found) >= self.most
 
     def add(self, fault: ImportFileError) -> None:
-        """Keep a fault, unless a fault with its place and reason, or the largest number of faults, is kept."""
+        """Keep a fault, unless its place and reason are known or the largest number of faults is kept."""
         known = any((kept.place, kept.reason) == (fault.place, fault.reason) for kept in self.found)
         if not self.full and not known:
             self.found.append(fault)
@@ -82,7 +82,7 @@ class Faults:
 
     @contextmanager
     def collect(self, place: Place = NOWHERE) -> Iterator[None]:
-        """Catch and keep an `ImportFileError` that the block raises; without a place, the error gets `place`."""
+        """Catch and keep an `ImportFileError` of the block; an error without a place gets `place`."""
         try:
             yield
         except ImportFileError as fault:

@@ -257,7 +257,7 @@ class _Sheet:
     def __init__(
         self, archive: Archive, part: str, texts: Sequence[str], kinds: Mapping[str, CellKind]
     ) -> None:
-        """Prepare to read the sheet in `part`; `texts` are shared texts, `kinds` the kinds of number formats."""
+        """Prepare to read the sheet in `part`, with the shared texts and the kinds of number formats."""
         self._archive, self._part, self._texts, self._kinds = archive, part, texts, kinds
         self._line = self._column = self._count = self._hidden = self._formulas = 0
 

@@ -230,7 +230,7 @@ def is_joint(text: str) -> bool:
 
 
 def joint_number(text: str) -> int | None:
-    """Return the number of the joint that a text such as `2`, `J2` or `axis 2` names; None for other texts."""
+    """Return the joint's number in a text such as `2`, `J2` or `axis 2`; None for other texts."""
     match = _JOINT.fullmatch(text)
     number = match[1] if match else text
     return int(number) if number.isascii() and number.isdecimal() and len(number) < 3 else None

@@ -333,7 +333,7 @@ class ColumnReader:
         self._notes: list[str] = []
 
     def understand(self, axes_unit: str | None, *, state_in_name: bool) -> Columns:
-        """Return the columns with their meanings; the meaning is `unknown` for a header that is not understood.
+        """Return the columns with their meanings, `unknown` for a header that is not understood.
 
         Args:
             axes_unit: unit of x, y and z that a comment of the file states; None without such a comment.

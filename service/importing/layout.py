@@ -150,7 +150,7 @@ def _titles_above(grid: Grid, heading: Heading) -> list[Remark]:
 
 
 def _read_remarks(file: str, remarks: Sequence[Remark]) -> tuple[str | None, str | None]:
-    """Return the unit of x, y and z, and the name of the positions' frame, from titles and comments of a file.
+    """Return the unit of x, y and z, and the name of the positions' frame, from a file's titles and comments.
 
     Examples are `AXES = CARTESIAN: X, Y, Z (mm)`, `… Coordinate Frame 'A::R0'` and `Frame: A`. Unit or frame
     is None if no remark states it.
@@ -250,7 +250,7 @@ def _cut_row(row: Row, width: int) -> Row:
 def _check_end_of_file(grid: Grid, rows: Sequence[Row], faults: Faults) -> str | None:
     """Report a fault if the end of a file seems to be missing.
 
-    A file seems incomplete if the last line has no line break and its last cell is shorter than the cells above.
+    A file seems incomplete if its last line has no line break and its last cell is shorter than those above.
 
     Returns:
         Words that name the last number, for the user to confirm, if digits may be missing; else None.
@@ -267,9 +267,7 @@ def _check_end_of_file(grid: Grid, rows: Sequence[Row], faults: Faults) -> str |
     is_beginning = any(cell.startswith(last) and (number or narrower) for cell in others if cell != last)
     lacks_decimals = number and narrower and length == 0 < min(lengths)  # 22 below 836.13 and 63.6
     if shorter or is_beginning or lacks_decimals:
-        reason = (
-            f"its last line has no line break at the end, and {quote(last)} is shorter than the cells above"
-        )
+        reason = f"its last line has no line break, and {quote(last)} is shorter than the cells above"
         remedy = "export or copy the file again; if it is complete, end its last line"
         faults.report(place, f"the file is cut off: {reason}", remedy)
     complete = last in others or 0 < length == max(lengths) or length >= _FINE

@@ -30,16 +30,16 @@ from jointstiff.service.importing.excel import read_workbook
 from jointstiff.service.importing.grammar import (
     POINTS,
     Quantity,
-    split_along_target,
     collapse_blanks,
     name_unit,
+    split_along_target,
 )
 from jointstiff.service.importing.grid import Grid, file_type, read_text
 from jointstiff.service.importing.layout import Layout, understand_table
 from jointstiff.service.importing.masses import is_mass_table, read_mass_table
 from jointstiff.service.importing.rows import (
-    ObservationRecord,
     NameReader,
+    ObservationRecord,
     RowReader,
     TimesAndRoundings,
     Value,
@@ -234,7 +234,7 @@ class _Reader:
         return Understood(preview, (), tuple(observations), units, self._surroundings, bodies, unusual)
 
     def _joint_kinds(self) -> list[JointKind]:
-        """Return the kind of each joint: prismatic if the unit of its column is a length; [] without joints."""
+        """Return the kind of each joint, prismatic if its column's unit is a length; [] without joints."""
         for columns in (layout.columns for layout in self._layouts):
             if indices := columns.quantities.get(Quantity("joint")):
                 dimensions = [columns.meanings[index].dimension for index in indices]
@@ -492,7 +492,7 @@ def _describe_gap(observation: ObservationRecord, target: str, states: dict[Stat
 
 
 def _check_sigmas(observations: list[ObservationRecord], faults: Faults) -> dict[_Uncertainty, int]:
-    """Count the points by their uncertainty: of each `coordinate`, or of the whole `point`; return the counts.
+    """Return the number of points with an uncertainty of each `coordinate`, and of the whole `point`.
 
     A fault is reported if some positions have an uncertainty and others have none.
     """
@@ -536,4 +536,5 @@ def _find_unusual_values(observations: list[ObservationRecord]) -> Iterator[str]
         for number, place in ordered[len(near) :]:
             times = abs(number - middle) / spread if spread else 0.0
             if times > 0.99 * _FAR:
-                yield f"{name} {number:g} ({place}) is {times:.0f} times the spread of the other values away from their median"
+                distance = f"{times:.0f} times the spread of the other values away from the median"
+                yield f"{name} {number:g} ({place}) is {distance}"

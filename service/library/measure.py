@@ -25,9 +25,9 @@ from jointstiff.schemas.plan import Goal, PlannedReading
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.prepared import (
     PreparedRobot,
-    resolve_stated_frame,
     prepare_robot,
     read_stated_transform,
+    resolve_stated_frame,
 )
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.live.campaign import MOST_READINGS, Declared, Entry, LiveCampaign

@@ -111,7 +111,7 @@ class Columns:
         """Return a text with names as the program spells them near a line; quotations are not changed."""
 
         def find_spelling(match: re.Match[str]) -> str:
-            """Return the spelling of one name in the text after the line; store the spelling for other lines."""
+            """Return the spelling of one name in the text after the line; store it for other lines."""
             name = match[0]
             if name[0] != "'" and self._folded and name not in self.spelled:
                 start = self._sources[source].starts[max(line - 1, 0)]
@@ -225,7 +225,7 @@ class Columns:
         return index
 
     def _index_frame(self, role: str, frame: FrameName | Cause | None) -> int:
-        """Return the index of a base or tool (`role`); add a new frame; return -1 if the frame is not known."""
+        """Return the index of a `base` or `tool` (`role`), added if new; -1 if the frame is not known."""
         if not isinstance(frame, FrameName):
             return -1
         key = role, frame.name if frame.pose is None else frame.pose.tobytes()
@@ -362,7 +362,7 @@ class Columns:
 
 
 def _find_external_axes(axes: FloatArray, known: ExternalAxes) -> tuple[BoolArray, BoolArray]:
-    """Return two masks (t,): targets with an external axis away from zero; targets that move an external axis.
+    """Return masks (t,) of the targets with an external axis away from zero, and of those that move an axis.
 
     If external axes carry nothing, both masks are false. If external axes are joints of the robot, the first
     mask is false. An axis without a value (NaN) counts as away if it is away from zero in any target.

@@ -307,7 +307,7 @@ def _add_instruction(
 
 
 def _find_positions(machine: Machine, source: Source, place: int, end: int) -> list[tuple[int, int]]:
-    """Return the span (first, last + 1 character) of each position from index `place` to index `end` of the text.
+    """Return the span (first, last + 1 character) of each position between two indices of the text.
 
     Raises:
         ProgramError: there is a text between positions, or a position has no end.

@@ -87,7 +87,7 @@ def explained(
     leave_alone: Collection[str] = (),
     external_axes: ExternalAxes = ExternalAxes.MAY_CARRY,
 ) -> list[ReadMove]:
-    """Return all moves of a program in order of lines, with target, base, tool, and whether it can be corrected.
+    """Return all moves of a program in order of lines, with target, base, tool, and if it can be corrected.
 
     Raises:
         ProgramError: the text of the program is not understood.

@@ -88,7 +88,7 @@ def _name_of_whole(name: str) -> str:
 
 
 class UnmatchedEnd(Misread):
-    """Error that a branch, loop, routine or jump lacks its beginning or end; `place` is the index of the other."""
+    """Error that a branch, loop, routine or jump lacks an end; `place` is the index of the existing end."""
 
     def __init__(self, place: int, reason: str, remedy: str) -> None:
         super().__init__(reason, remedy)
@@ -487,7 +487,7 @@ class Machine:
                 self._incoming[begin] = {UNKNOWN: (cause, 0)}
 
     def _propagate_through(self, routine: str, indices: Iterable[int]) -> None:
-        """Propagate states through the operations `indices` of a routine once; record the moves among them."""
+        """Propagate states through the operations `indices` of a routine once; record their moves."""
         state: State | None = {}
         shared = False  # whether the state is stored elsewhere, so that it must be copied before a change
         self._open.append(routine)
@@ -532,7 +532,7 @@ class Machine:
         return {**state, **{name: self._value_and_line(returned, name) for name in changed}}
 
     def _join_into(self, place: int, state: State | None) -> bool:
-        """Join a state into the state at operation `place`; return whether the state at the operation changed."""
+        """Join a state into the state at operation `place`; return whether the latter changed."""
         known = self._incoming.get(place)
         joined = self._join_states(known, state)
         if joined is None or joined is known:
@@ -580,7 +580,7 @@ class Machine:
             self._forget_names(state, unknown)
 
     def _forget_names(self, state: State, cause: Cause) -> None:
-        """Remove the names that an unknown routine may change from a state; note the cause under `UNKNOWN`."""
+        """Remove names that an unknown routine may change from a state; set `UNKNOWN` to the cause."""
         for name in [name for name in state if not self._is_protected(name)]:
             del state[name]
         state[UNKNOWN] = cause, cause.line
@@ -691,7 +691,7 @@ class Machine:
         return self.columns, self._used, self._causes
 
     def _record_move(self, op: ir.Move | ir.MoveToStored, i: int, state: State | None) -> None:
-        """Add the move of operation i, and the moves like it, to the columns, or the cause why they are left."""
+        """Add the moves of operation i to the columns, or the cause why they cannot be corrected."""
         place = self._places[i]
         if isinstance(op, ir.MoveToStored):
             text = f"a move to {op.name}, a position stored in the controller"
@@ -719,7 +719,7 @@ class Machine:
     def _add_move(
         self, op: ir.Move, place: Place, cause: Cause | None, frames: list[Frames], state: State
     ) -> None:
-        """Add one move to the columns, with its targets in a state; with a cause, the move is not corrected."""
+        """Add one move to the columns, with its targets in a state, or with a cause to leave it."""
         contents = [self._evaluate_target(place, each, state) for each in op.targets]
         cause = cause or next((each for each in contents if isinstance(each, Cause)), None)
         if cause is not None:

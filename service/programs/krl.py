@@ -67,7 +67,7 @@ def _read_value(line: Line, text: str) -> list[Op]:
 
 
 def _read_struct(line: Line, start: int, end: int) -> dict[str, int | str]:
-    """Return the fields of the structure `{...}` between two indices of the text: ordinals of numbers, or texts.
+    """Return the fields of a structure `{...}` between two indices: ordinals of numbers, or texts.
 
     The result is empty if a field is computed or occurs twice, or if the text is not a structure.
     """
@@ -220,7 +220,7 @@ def _find_end_of_targets(text: str, begin: int) -> tuple[int, str]:
 
 
 def _strip_blends(text: str, begin: int, end: int) -> int:
-    """Return the end of the text from `begin` to `end` without words of approximate positioning, such as C_DIS."""
+    """Return the end of the text after words of approximate positioning, such as C_DIS, are cut off."""
     while match := _BLEND.search(text, max(begin, end - _LONGEST_BLEND), end):
         if match.end() < end:
             break

@@ -2,7 +2,7 @@
 
 The normal form has no comments, one blank between words and none elsewhere, and NUL in place of each number:
 statements that differ in their numbers only have the same normal form, which is translated once.
-Possessive quantifiers follow characters only, no groups: Python before 3.11.5 keeps the match of a failed group.
+Possessive quantifiers follow characters only: Python before 3.11.5 keeps the match of a failed group.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ class Move(NamedTuple):
 
     @property
     def differs_only_in_target(self) -> bool:
-        """Return whether two moves with this masked text can differ only in the numbers of their one target."""
+        """Return whether moves with this masked text can differ only in the numbers of one target."""
         own = isinstance(self.targets[0], Literal) if len(self.targets) == 1 else False
         return own and not (
             self.agree or self.reason or any(isinstance(base, Literal) for base in self.bases)
@@ -164,7 +164,7 @@ class Line:
         return (self.match and self.match.groupdict().get(group)) or ""
 
     def span(self, group: str) -> tuple[int, int]:
-        """Return index of the first character, and of the last + 1, of the part that matched a named group."""
+        """Return the indices, first and last + 1 character, of the part that matched a named group."""
         return self.match.span(group) if self.match else (0, 0)
 
     def ordinals_in(self, *span: int) -> tuple[int, ...]:
@@ -188,8 +188,8 @@ def _number_starts(text: str) -> tuple[int, ...]:
 
 
 Rule: TypeAlias = "str | Callable[[Line], list[Op]]"
-"""Effect of a statement apart from its expressions: the kind of a `Flow`, or a function of the `Line` that returns
-the operations."""
+"""Effect of a statement apart from its expressions: the kind of a `Flow`, or a function of the `Line` that
+returns the operations."""
 
 
 @dataclass(frozen=True)

@@ -54,11 +54,11 @@ class Notation:
 
     @property
     def count(self) -> int:
-        """Count of the numbers that state an orientation: 4 for a quaternion, 0 without orientation, else 3."""
+        """Count of the numbers that state an orientation: 4 (quaternion), 0 (position only), else 3."""
         return _COUNT.get(self.orientation, 3)
 
     def pose(self, values: Sequence[float] | FloatArray) -> FloatArray:
-        """Return the homogeneous pose (4, 4) [m] of the tool in the base that the numbers of a target state."""
+        """Return the pose (4, 4) [m] of the tool in the base that the numbers of a target state."""
         return np.asarray(self.poses(np.array([values], dtype=float))[0], dtype=float)
 
     @property
@@ -119,7 +119,7 @@ class Notation:
     def values(self, poses: FloatArray, near: FloatArray) -> FloatArray:
         """Return the numbers (m, 3 + count) by which this notation writes poses (m, 4, 4) [m].
 
-        Of all numbers that state one pose, those nearest to the old numbers `near` (m, 3 + count) are returned.
+        Many numbers state one pose; those nearest to the old numbers `near` (m, 3 + count) are returned.
         """
         if not len(poses):
             return near.copy()
@@ -128,7 +128,7 @@ class Notation:
         rotations, old = poses[:, :3, :3], near[:, 3:]
         if self.orientation is Orientation.QUATERNION:
             new = Rotation.from_matrix(rotations).as_quat()[:, [3, 0, 1, 2]]
-            # The old quaternion has a rounded length; with this length, an unchanged quaternion keeps its numbers.
+            # The old quaternion has a rounded length; with this length, an unchanged one keeps its numbers.
             new *= np.linalg.norm(old, axis=1, keepdims=True)
             numbers[:, 3:] = np.where(np.sum(new * old, axis=1, keepdims=True) < 0, -new, new)
         elif self.orientation is Orientation.ROTATION_VECTOR:
@@ -142,7 +142,7 @@ class Notation:
 
 
 def _nearest_vector(vectors: FloatArray, near: FloatArray) -> FloatArray:
-    """Return rotation vectors (m, 3) [rad] with full turns added, so that they are nearest to `near` (m, 3)."""
+    """Return rotation vectors (m, 3) [rad], with the full turns that bring them nearest to `near`."""
     angle = np.linalg.norm(vectors, axis=1, keepdims=True)
     still = angle < 1e-12
     usual = np.linalg.norm(near, axis=1, keepdims=True)
@@ -165,9 +165,9 @@ def _rotations(angles: FloatArray) -> FloatArray:
 
 
 def _nearest_angles(rotations: FloatArray, near: FloatArray) -> FloatArray:
-    """Return the angles (m, 3) [rad] about Z, Y', X'' of rotations (m, 3, 3) that are nearest to `near` (m, 3).
+    """Return the angles (m, 3) [rad] about Z, Y', X'' of rotations (m, 3, 3), as near to `near` as possible.
 
-    Each rotation has two solutions, each up to full turns. In a gimbal lock, the last angle is that of `near`.
+    Each rotation has two solutions, up to full turns. In a gimbal lock, the last angle is that of `near`.
     """
     r = rotations
     cosine = np.hypot(r[:, 0, 0], r[:, 1, 0])
@@ -212,7 +212,7 @@ class Numerals:
 
     @classmethod
     def from_text(cls, text: str, pattern: str) -> Numerals:
-        r"""Find the numbers of a text that match a pattern; the text has no `\0`, no number spans two lines."""
+        r"""Find the numbers in a text without `\0` by a pattern; no number spans two lines."""
         split = re.compile(f"({pattern})").split
         values, spans, rest, begin = [np.zeros(0)], [np.zeros((0, 2), dtype=np.int32)], [], 0
         while begin < len(text):

@@ -1,4 +1,4 @@
-"""A robot program: its targets, with the places of their numbers in the text, and rewriting of the numbers."""
+"""A robot program: its targets, the places of their numbers in the text, and rewriting of the numbers."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ class Targets:
         return np.array(of_literal, dtype=np.intp)[self.literal]
 
     def by_notation(self, rows: IndexArray) -> Iterator[tuple[Notation, IndexArray]]:
-        """Yield each notation, and the positions in the index array `rows` of the targets with this notation."""
+        """Yield each notation, and the positions in `rows` (indices) of the targets with this notation."""
         of_target = self.notation[rows]
         for i, notation in enumerate(self.notations):
             yield notation, np.flatnonzero(of_target == i)

@@ -99,7 +99,7 @@ def _translate_instruction(line: Line) -> list[Op]:
 
 
 def _read_target(line: Line, start: int, end: int) -> Literal | None:
-    """Return the robtarget or jointtarget in numbers between two indices of the text; None if neither is there."""
+    """Return the robtarget or jointtarget between two indices of the text; None if neither is there."""
     numbers = line.ordinals_in(start, end)
     if _LITERALS["ROBTARGET"].fullmatch(line.text, start, end):
         words = tuple(zip(("cf1", "cf4", "cf6", "cfx"), numbers[7:], strict=False))

@@ -64,7 +64,7 @@ def _refuse_unknown_tool(_line: Line) -> list[Op]:
 
 
 def _translate_call(line: Line) -> list[Op]:
-    """Return the operations of a call; a call that moves the robot without a target is a move left uncorrected."""
+    """Return the operations of a call; a call that moves the robot without a target is a left move."""
     name = line["name"]
     found = line.read_expression(line.text)
     if not _MOVING.fullmatch(name):
@@ -75,7 +75,7 @@ def _translate_call(line: Line) -> list[Op]:
 
 
 def _read_literal(line: Line, start: int, end: int) -> Literal | None:
-    """Return the pose `p[...]` or joint angles `[...]` between two indices of the text; None if neither is there."""
+    """Return the pose `p[...]` or joint angles `[...]` between two indices; None if neither is there."""
     for notation, pattern in _LITERALS:
         if pattern.fullmatch(line.text, start, end):
             return Literal(notation, line.ordinals_in(start, end))
@@ -88,7 +88,7 @@ def _read_value(line: Line, text: str) -> list[Op]:
 
 
 def _translate_assignment(line: Line) -> list[Op]:
-    """Return the operations of an assignment, which gives a target in numbers or an unknown value to a name."""
+    """Return the operations of an assignment: a name gets a target in numbers or an unknown value."""
     name, index = line["name"], line["index"]
     own: list[Op] = [ir.Local(frozenset({name}))] if line["local"] else []
     literal = None if index else _read_literal(line, *line.span("value"))

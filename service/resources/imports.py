@@ -23,7 +23,7 @@ from jointstiff.schemas.imports import (
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, Reading
 from jointstiff.schemas.robot import Body
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place
-from jointstiff.service.importing.grammar import Kind, Quantity, along_axis, joint_number
+from jointstiff.service.importing.grammar import Kind, Quantity, split_along_target, joint_number
 from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
 from jointstiff.service.importing.rows import ObservationRecord
 from jointstiff.service.problems import FilesError, reworded
@@ -327,7 +327,7 @@ def _build_reading(one: ObservationRecord, target: str) -> Reading:
     """
     gauge = one.values.get(Quantity("along", target, "deflection"))
     if gauge is not None:
-        along = along_axis(target)[1]
+        along = split_along_target(target)[1]
         direction = tuple(float(axis == along) for axis in range(3))
         displacement = None if gauge.vector is None else gauge.vector[0]
         reading = {"target": target, "displacement": displacement, "direction": direction}

@@ -16,8 +16,8 @@ from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.prepared import (
     PreparedRobot,
     PreparedSet,
-    prepare_set,
     leave_out_observations,
+    prepare_set,
 )
 from jointstiff.service.resources.known_robots import catalogue_robots
 from jointstiff.solver.errors import RequestError

@@ -26,13 +26,13 @@ from jointstiff.service.conversion.prepared import (
     PreparedSet,
     build_robot,
     check_set,
-    transform_to_base,
     frame_fields,
     prepare_robot,
     read_stated_transform,
     to_base_targets,
     to_resolved_frame,
-    without,
+    transform_to_base,
+    leave_out_observations,
 )
 from jointstiff.service.conversion.readings import ReadingArrays, has_loads, hash_texts, to_measurements
 from jointstiff.service.conversion.robots import describe_joints

@@ -14,7 +14,7 @@ from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, Observ
 from jointstiff.schemas.robot import JointMap
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.catalogue import find_arm, nominal_robot
-from jointstiff.service.conversion.prepared import prepare_robot, leave_out_observations
+from jointstiff.service.conversion.prepared import leave_out_observations, prepare_robot
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.solver.errors import RequestError
 

@@ -226,7 +226,8 @@ def test_rows_are_not_numbered_where_some_are_deleted():
 def test_a_last_name_without_an_end_may_be_cut_off():
     table = "label;state;x [mm];y [mm];z [mm];target\nc1;u;1;2;3.5;P10\n{}c1;l;1;2;3.5;P1"
     assert refusals(("a.csv", table.format(""))) == [
-        "a.csv:3:6: the file is cut off: its last line has no line break at the end, and 'P1' is shorter than the cells above; "
+        "a.csv:3:6: the file is cut off: its last line has no line break, and 'P1' is "
+        "shorter than the cells above; "
         "export or copy the file again; if it is complete, end its last line"
     ]
     said = refusals(("a.csv", table.format("c1;u;1;2;3.5;X\n")))

@@ -282,8 +282,10 @@ def test_numbers_far_from_their_column_are_asked_about():
     assert (answer.missing_fields, answer.measurement_set) == (["accept_unusual"], None)
     assert answer.missing == [
         "a confirmation (`accept_unusual`) that this is right: "
-        "joint 1 90500 ('day.csv', line 11) is 1608 times the spread of the other values away from their median; "
-        "P1 unloaded x 12495 ('day.csv', line 9, column 6) is 287 times the spread of the other values away from their median"
+        "joint 1 90500 ('day.csv', line 11) is 1608 times the spread of the "
+        "other values away from the median; "
+        "P1 unloaded x 12495 ('day.csv', line 9, column 6) is 287 times the spread of the "
+        "other values away from the median"
     ]
     accepted = numbers_of(answered(file, accept_unusual=True))
     assert (accepted[9][1], accepted[7][3]["P1"][0][0]) == ([90500.0], 12495.0)
