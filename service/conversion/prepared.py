@@ -280,7 +280,7 @@ def check_set(
         robot: the robot that was measured.
         resolved: transform from the set's frame to R0; None if all readings are in R0.
         noticed: findings about the frame, which come before the findings about the readings.
-        others: known robots, one of which may have been measured instead of `robot`.
+        others: known robots, in case another robot was measured instead of `robot`.
         robot_id: id of the robot, if it is stored.
         robot_hash: hash of the robot's content.
 
@@ -320,7 +320,7 @@ def prepare_set(
         document: the set, in R0 or in a frame that the set states in numbers.
         robot: the robot that was measured.
         robot_id: any id for the robot.
-        others: known robots, one of which may have been measured instead of `robot`.
+        others: known robots, in case another robot was measured instead of `robot`.
 
     Raises:
         MeasurementError: the set cannot be used.

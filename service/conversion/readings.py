@@ -228,7 +228,7 @@ class PointNoise(ArrayGroup):
         return cls(sigma, unloaded, loaded)
 
     def reading_fields(self, i: int, t: int) -> dict[str, Any]:
-        """Return the noise that the reading of target t in observation i states, by field; {} without noise."""
+        """Return the noise of the reading of target t in observation i by field; {} without noise."""
         if self.sigma[i, t]:
             return {"sigma": float(self.sigma[i, t])}
         if not self.unloaded[i, t].any():
@@ -447,7 +447,7 @@ class ReadingArrays:
 
     def observations(self) -> list[Observation]:
         """Return the observations as they were posted, readings in the order of `targets`."""
-        # The numbers were validated when they were posted; validating 10,000 again would take as long as a run.
+        # The numbers were validated when they were posted; validating 10,000 again takes as long as a run.
         return [
             Observation.model_construct(
                 label=str(self.labels[i]),

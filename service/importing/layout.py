@@ -34,7 +34,7 @@ class Layout:
     rows: tuple[Row, ...]  # rows of data, as long as the header
     mark: DecimalMark | None  # None if it is not clear
     frame: str | None = None  # frame of positions, as a comment of the file names it
-    doubt: str | None = None  # words for a number that may lack digits, for the user to confirm
+    unsure_number: str | None = None  # words for a number that may lack digits, for the user to confirm
 
 
 def understand_table(grid: Grid, options: ImportOptions, faults: Faults) -> Layout:
@@ -56,7 +56,7 @@ def understand_table(grid: Grid, options: ImportOptions, faults: Faults) -> Layo
     in_name = grammar.contains_state_word(grid.stem, options.state_words)
     columns = ColumnReader(heading, rows, words, options, faults).understand(unit, state_in_name=in_name)
     _check_units(grid.file, remarks, columns, faults)
-    doubt = _check_end_of_file(grid, rows, faults)
+    unsure_number = _check_end_of_file(grid, rows, faults)
     notes = [*grid.preview.assumptions, *heading.notes, *columns.notes]
     numbered = options.by_order and "name" not in columns.texts
     if numbered:
@@ -84,7 +84,7 @@ def understand_table(grid: Grid, options: ImportOptions, faults: Faults) -> Layo
         "header_lines": list(heading.lines),
         "first_lines": [row.line for row in rows[:MAX_PREVIEW_ROWS]],
     }
-    return Layout(grid, grid.preview.model_copy(update=preview), columns, rows, mark, frame, doubt)
+    return Layout(grid, grid.preview.model_copy(update=preview), columns, rows, mark, frame, unsure_number)
 
 
 def _describe_columns(headers: Sequence[str], columns: Columns) -> list[ColumnMeaning]:

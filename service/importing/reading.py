@@ -228,8 +228,8 @@ class _Reader:
             }
         )
         units = {kind: "mm" if unit == "in" else unit for kind, unit in self._units.items()}
-        doubts = [layout.doubt for layout in self._layouts if layout.doubt]
-        unusual = (*doubts, *_find_unusual_values(observations))
+        unsure = [layout.unsure_number for layout in self._layouts if layout.doubt]
+        unusual = (*unsure, *_find_unusual_values(observations))
         bodies = tuple(self._bodies)
         return Understood(preview, (), tuple(observations), units, self._surroundings, bodies, unusual)
 

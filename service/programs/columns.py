@@ -9,7 +9,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from jointstiff.service.programs.errors import CONSTANT, Fault, ProgramError, ReadMove, shown
+from jointstiff.service.programs.errors import CONSTANT, Fault, ProgramError, ReadMove, quote_text
 from jointstiff.service.programs.language import Move
 from jointstiff.service.programs.notation import Numerals
 from jointstiff.service.programs.program import (
@@ -57,7 +57,7 @@ _WIDTH: Final = 7
 """Numbers of a row in the array of targets."""
 _STATED: Final = NUMBERS + WORDS
 _AXES: Final = _STATED + _MAX_AXES
-_MAX_STEADY: Final = 8
+_MAX_COMMON: Final = 8
 """Largest count of numbers that all targets have to share, such as the number of the tool."""
 
 
@@ -220,7 +220,7 @@ class Columns:
             other = f"used with another base or tool on line {self._targets[row + 3]}"
             remedy = "use a separate target for each base and tool: one correction cannot suit both"
             self._target_causes.setdefault(
-                index, Cause(used, f"target {shown(target.label)} is {other}", remedy)
+                index, Cause(used, f"target {quote_text(target.label)} is {other}", remedy)
             )
         return index
 
@@ -246,7 +246,7 @@ class Columns:
         """
         for index, name in enumerate(self._names):
             if name in used and name:
-                use = f"the numbers of {shown(name)} are used on line {used[name]}, too"
+                use = f"the numbers of {quote_text(name)} are used on line {used[name]}, too"
                 reason = f"{use}, where it is not certain what they mean"
                 self._target_causes.setdefault(index, Cause(0, reason, "use a separate target for it"))
         self._names = [name.partition(OF)[0] if name else name for name in self._names]
@@ -314,11 +314,11 @@ class Columns:
         """
         source, line, first, _, known, base, tool = rows
         literals, count = list(self._literals), len(line)
-        ordinals = np.full((len(literals), _AXES + _MAX_STEADY), -1)
+        ordinals = np.full((len(literals), _AXES + _MAX_COMMON), -1)
         for row, each in zip(ordinals, literals, strict=True):
             row[: len(each.numbers)] = each.numbers
             row[NUMBERS : NUMBERS + len(each.words)] = [ordinal for _, ordinal in each.words]
-            external, shared = each.external[:_MAX_AXES], each.steady[:_MAX_STEADY]
+            external, shared = each.external[:_MAX_AXES], each.common[:_MAX_COMMON]
             row[_STATED : _STATED + len(external)] = external
             row[_AXES : _AXES + len(shared)] = shared
         targets = Targets(
@@ -327,7 +327,7 @@ class Columns:
             np.full((count, _STATED), np.nan), np.full((count, _STATED, 2), -1, dtype=np.int32),
         )  # fmt: skip
         out, unlike = np.zeros((2, count), dtype=np.bool_)
-        axes, steady = np.full((count, _MAX_AXES), np.nan), np.full((count, _MAX_STEADY), np.nan)
+        axes, common = np.full((count, _MAX_AXES), np.nan), np.full((count, _MAX_COMMON), np.nan)
         crowded = np.array([len(each.external) > _MAX_AXES for each in literals], dtype=np.bool_)
         for start in range(0, count, BLOCK):
             for file in np.unique(source[start : start + BLOCK]).tolist():
@@ -341,15 +341,15 @@ class Columns:
                     targets.spans[block, :, i] = np.where(written, ends[at], -1)[:, :_STATED]
                 out[block] = (written & ~(np.abs(read) <= MAX_VALUE))[:, :NUMBERS].any(axis=1)
                 for notation, own in targets.by_notation(block):
-                    unlike[block[own]] = ~notation.states(read[own])
+                    unlike[block[own]] = ~notation.is_valid_orientation(read[own])
                 others = read[:, _STATED:_AXES]
-                axes[block], steady[block] = np.where(others > _NO_AXIS, np.nan, others), read[:, _AXES:]
+                axes[block], common[block] = np.where(others > _NO_AXIS, np.nan, others), read[:, _AXES:]
         away, moved = _find_external_axes(axes, external_axes)
         for faults, reason, remedy in (
             (out, f"a number of a target is out of range, beyond {MAX_VALUE:g}", _WRITE_ANEW),
             (unlike, "a quaternion or an axis is not of unit length", _WRITE_ANEW),
             (
-                _find_changed_numbers(steady),
+                _find_changed_numbers(common),
                 "the tool or the base changes within the table",
                 "send a table for each of them",
             ),

@@ -14,7 +14,7 @@ CONSTANT = "write its numbers, or omit it"
 _MAX_SHOWN = 60
 
 
-def shown(text: str) -> str:
+def quote_text(text: str) -> str:
     """Return text of a program in quotation marks, escaped and cut to 60 characters, for a message."""
     text = text.strip()
     return ascii(text if len(text) <= _MAX_SHOWN else text[:_MAX_SHOWN] + "...")
@@ -32,7 +32,7 @@ class Fault:
     @property
     def place(self) -> str:
         """Name of the file and line, in words."""
-        return shown(self.file) if self.line is None else f"{shown(self.file)}, line {self.line}"
+        return quote_text(self.file) if self.line is None else f"{quote_text(self.file)}, line {self.line}"
 
     def __str__(self) -> str:
         return f"{self.place}: {self.reason}; {self.remedy}"

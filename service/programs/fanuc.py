@@ -9,7 +9,7 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from jointstiff.service.programs import language as ir
-from jointstiff.service.programs.errors import shown
+from jointstiff.service.programs.errors import quote_text
 from jointstiff.service.programs.interpreter import Machine
 from jointstiff.service.programs.language import Line, Misread, Op
 from jointstiff.service.programs.notation import Notation, Orientation
@@ -294,7 +294,7 @@ def _add_instruction(
     if text.lstrip().startswith("--"):  # this line only ends a block of logic
         return
     if head is None and not _END.match(text):
-        reason = f"the line {shown(text)} has no number and colon"
+        reason = f"the line {quote_text(text)} has no number and colon"
         machine.refuse(line, reason, "write the program in the controller's form")
     body = head.end() if head else 0
     if text[body:].lstrip().startswith(("!", "//", "--")):
@@ -315,7 +315,7 @@ def _find_positions(machine: Machine, source: Source, place: int, end: int) -> l
     spans = []
     for match in _POSITION.finditer(source.text, place, end):
         if match[1] is None or not re.match(r"P\s*+\[[^\]{}]*+\]\s*+\{", match[1]):
-            reason = f"{shown(match[0])} between positions is unknown or has no end"
+            reason = f"{quote_text(match[0])} between positions is unknown or has no end"
             machine.refuse(source.line(match.start()), reason, _AGAIN)
         spans.append(match.span())
     return spans

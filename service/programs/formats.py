@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.service.programs import fanuc, krl, rapid, table, ur
-from jointstiff.service.programs.errors import Fault, ProgramError, ReadMove, shown
+from jointstiff.service.programs.errors import Fault, ProgramError, ReadMove, quote_text
 from jointstiff.service.programs.interpreter import Machine
 from jointstiff.service.programs.language import Language
 from jointstiff.service.programs.notation import Notation, has_decimal_commas
@@ -81,7 +81,7 @@ def read_program(
     return program
 
 
-def explained(
+def list_moves(
     files: Sequence[tuple[str, bytes]],
     name: str | None = None,
     leave_alone: Collection[str] = (),
@@ -141,7 +141,7 @@ def _refuse(file: str, line: int | None, reason: str, remedy: str) -> None:
     Raises:
         ProgramError: always.
     """
-    raise ProgramError((Fault(file if file.isprintable() else shown(file), line, reason, remedy),), 1)
+    raise ProgramError((Fault(file if file.isprintable() else quote_text(file), line, reason, remedy),), 1)
 
 
 def choose_frame_notation(program: Program) -> Notation:
@@ -153,7 +153,7 @@ def choose_frame_notation(program: Program) -> Notation:
     return FORMATS[program.format].pose or next(written, krl.POSE)
 
 
-def marked(
+def insert_mark(
     kind: str, content: bytes, run_id: str, verdict: str, day: date, moves: int = 0, left: int = 0
 ) -> bytes:
     """Insert a comment into a compensated program that marks the program as corrected; return the new bytes.

@@ -20,7 +20,7 @@ import numpy as np
 
 from jointstiff.service.programs import language as ir
 from jointstiff.service.programs.columns import MAX_VALUE, OF, Cause, Columns, Frames, WrittenNumbers
-from jointstiff.service.programs.errors import CONSTANT, Fault, ProgramError, shown
+from jointstiff.service.programs.errors import CONSTANT, Fault, ProgramError, quote_text
 from jointstiff.service.programs.language import Language, Misread, Name, Op, Value
 from jointstiff.service.programs.notation import Numerals
 from jointstiff.service.programs.program import FrameName, Literal, Source
@@ -96,7 +96,7 @@ class UnmatchedEnd(Misread):
 
 
 @dataclass(slots=True)
-class _Nest:
+class _OpenBlock:
     """Branch, loop or routine whose end was not reached yet."""
 
     kind: str
@@ -128,16 +128,18 @@ class ControlFlow:
         self.routine: list[str] = []  # routine of each operation
         self.anytime_routines: set[str] = set()  # routines that may run at any time
         self.shared: set[str] = set()  # routines that other programs may call
-        self._names, self._nests, self._open = names, list[_Nest](), [""]
+        self._names, self._open_blocks, self._open = names, list[_OpenBlock](), [""]
         self._labels: dict[str, dict[str, int]] = defaultdict(dict)  # indices of labels, by routine
         self._jumps: list[int] = []
         for i, op in enumerate(ops):
             if isinstance(op, ir.Flow):
-                self._take_operation(i, op)
+                self._add_operation(i, op)
             self.routine.append(self.ends.get(i, self._open[-1]))
-        while self._nests:
-            if self._nests[-1].kind != "routine":
-                raise UnmatchedEnd(self._nests[-1].begin, "a branch or a loop has no end", "write its end")
+        while self._open_blocks:
+            if self._open_blocks[-1].kind != "routine":
+                raise UnmatchedEnd(
+                    self._open_blocks[-1].begin, "a branch or a loop has no end", "write its end"
+                )
             ops.append(ir.Flow("end"))
             self._end_block(len(ops) - 1, "end")
             self.routine.append(self.ends[len(ops) - 1])
@@ -170,18 +172,18 @@ class ControlFlow:
             for i in self.bodies[name][:-1]:
                 self.successors[i].append(end)
 
-    def _take_operation(self, i: int, op: ir.Flow) -> None:
+    def _add_operation(self, i: int, op: ir.Flow) -> None:
         """Add the operation with index i to the control flow.
 
         Raises:
             UnmatchedEnd: the operation ends a block that did not begin, or is nested too deep.
         """
         if op.kind in {"routine", "aside", "if", "loop", "repeat"}:
-            if len(self._nests) >= _MAX_DEPTH:
+            if len(self._open_blocks) >= _MAX_DEPTH:
                 reason = f"branches and loops are nested more than {_MAX_DEPTH} deep"
                 raise UnmatchedEnd(i, reason, "write routines of their own")
-            self._nests.append(
-                _Nest(op.kind, i) if op.kind in {"if", "loop", "repeat"} else self._begin_routine(i, op)
+            self._open_blocks.append(
+                _OpenBlock(op.kind, i) if op.kind in {"if", "loop", "repeat"} else self._begin_routine(i, op)
             )
         elif op.kind == "label":
             self._labels[self._open[-1]][self._names[i]] = i
@@ -189,12 +191,12 @@ class ControlFlow:
             self._jumps.append(i)
         elif op.kind in {"leave", "return"}:
             kinds = {"routine"} if op.kind == "return" else {"loop", "repeat", "routine"}
-            for nest in [each for each in self._nests if each.kind in kinds][-1:]:
-                nest.exits.append(i)
+            for block in [each for each in self._open_blocks if each.kind in kinds][-1:]:
+                block.exits.append(i)
         else:
             self._end_block(i, op.kind)
 
-    def _begin_routine(self, i: int, op: ir.Flow) -> _Nest:
+    def _begin_routine(self, i: int, op: ir.Flow) -> _OpenBlock:
         """Begin a routine at index i; name a handler that has no name; return the open block.
 
         Raises:
@@ -207,7 +209,7 @@ class ControlFlow:
         self.anytime_routines |= {name} if op.kind == "aside" else set()
         self.shared |= {name} if op.shared else set()
         self._open.append(name)
-        return _Nest("routine", i)
+        return _OpenBlock("routine", i)
 
     def _end_block(self, i: int, kind: str) -> None:
         """End a branch, a loop or a routine at index i, or begin another branch there.
@@ -215,25 +217,25 @@ class ControlFlow:
         Raises:
             UnmatchedEnd: nothing of this kind is open.
         """
-        nest = self._nests[-1] if self._nests else None
-        if nest is None or (kind != "any" and (kind == "end") != (nest.kind == "routine")):
+        block = self._open_blocks[-1] if self._open_blocks else None
+        if block is None or (kind != "any" and (kind == "end") != (block.kind == "routine")):
             reason = "this line ends a branch, a loop or a routine that does not begin before it"
             raise UnmatchedEnd(i, reason, "write both ends of branches, loops and routines")
         if kind in {"turn", "default"}:
-            nest.other_branches.append(i)
-            nest.has_default |= kind == "default"
+            block.other_branches.append(i)
+            block.has_default |= kind == "default"
             return
-        self._nests.pop()
-        if nest.kind == "routine":
+        self._open_blocks.pop()
+        if block.kind == "routine":
             self.ends[i] = self._open.pop()
-        for place in (*nest.other_branches, *nest.exits):
+        for place in (*block.other_branches, *block.exits):
             self.successors[place].append(i)
-        self.successors[nest.begin] += nest.other_branches
-        if nest.kind in {"if", "loop"} and not nest.has_default:
-            self.successors[nest.begin].append(i)
-        if nest.kind in {"loop", "repeat"}:
-            for place in (i, *nest.exits):
-                self.successors[place].append(nest.begin)
+        self.successors[block.begin] += block.other_branches
+        if block.kind in {"if", "loop"} and not block.has_default:
+            self.successors[block.begin].append(i)
+        if block.kind in {"loop", "repeat"}:
+            for place in (i, *block.exits):
+                self.successors[place].append(block.begin)
 
 
 class Machine:
@@ -334,12 +336,12 @@ class Machine:
             if ops is last:
                 self._repeats[len(self._ops) - 1].extend((line + ops[-1][0], number))
                 continue
-            self._take_operation(ops, source, line, number, declares)
+            self._add_operation(ops, source, line, number, declares)
             acts = [op for _, op in ops if not isinstance(op, ir.Use)]
             alike = len(acts) == 1 and isinstance(acts[0], ir.Move) and acts[0].differs_only_in_target
             last = ops if alike and not declares else None
 
-    def _take_operation(
+    def _add_operation(
         self, ops: Iterable[tuple[int, Op]], source: int, line: int, number: int, declares: str
     ) -> None:
         """Add the operations of one statement to the program, or its declarations to the initial values.
@@ -415,7 +417,7 @@ class Machine:
 
     def _collect_call(self, place: Place, op: ir.Call) -> None:
         """Note what a call may change: the arguments of the routine, and for an unknown routine all names."""
-        cause = place.cause(f"{shown(str(op.name))} gets it as an argument, and may change it")
+        cause = place.cause(f"{quote_text(str(op.name))} gets it as an argument, and may change it")
         for passed in map(place.scope.qualify, op.passed):
             self._changes[passed].append(cause)
             self._anytime.update(dict.fromkeys(self._list_name_and_fields(passed), cause))
@@ -437,8 +439,8 @@ class Machine:
         name = place.qualify(op.name)
         if op.quiet or name.upper() in self._allowed:
             return None
-        reason = f"{shown(name)} is unknown: it may move the robot or change its frames"
-        return place.cause(reason, f"if it does neither, name it in `leave_alone`: [{shown(name)}]")
+        reason = f"{quote_text(name)} is unknown: it may move the robot or change its frames"
+        return place.cause(reason, f"if it does neither, name it in `leave_alone`: [{quote_text(name)}]")
 
     def _list_name_and_fields(self, name: str) -> list[str]:
         """Return a name, and the names of all fields that it may have."""
@@ -482,7 +484,7 @@ class Machine:
             if self._language.callers or (name == main and not called):
                 self._incoming[begin] = {}
             elif not called or name in self._flow.anytime_routines | self._flow.shared:
-                reason = f"{shown(name)} may be called from elsewhere, with the frames of its caller"
+                reason = f"{quote_text(name)} may be called from elsewhere, with the frames of its caller"
                 cause = Cause(0, reason, "set the frames in the routine, before its moves")
                 self._incoming[begin] = {UNKNOWN: (cause, 0)}
 
@@ -642,7 +644,7 @@ class Machine:
             return Cause(changes[0].line, reason, "give it once, in numbers")
         if self._language.is_frame(name):
             return name
-        return Cause(0, f"{shown(name)} is not given by constant numbers")
+        return Cause(0, f"{quote_text(name)} is not given by constant numbers")
 
     # judgement
 
@@ -763,7 +765,7 @@ class Machine:
             reason = "it is declared where other programs use it, too"
         elif isinstance(content, WrittenNumbers):
             return content if content.label == name else content._replace(label=name)
-        unknown = f"the target {shown(name)} is not given by constant numbers"
+        unknown = f"the target {quote_text(name)} is not given by constant numbers"
         return place.cause(f"{unknown}: {reason}" if reason else unknown, self._language.remedy)
 
     def _evaluate_frame(self, place: Place, value: Value | ir.Product, state: State) -> FrameName | Cause:
@@ -792,7 +794,7 @@ class Machine:
         return FrameName(self._restore_spelling(place, label), pose)
 
     def _frame_by_name(self, place: Place, name: str) -> FrameName:
-        """Return a frame of which only the name is known; add a pose if no program can change the frame."""
+        """Return a frame that is known by name only, with a pose if no program can change the frame."""
         if name not in self._named:
             self._named[name] = FrameName(
                 self._restore_spelling(place, name), self._language.constants.get(name)
@@ -811,7 +813,7 @@ class Machine:
             values = self.numerals[each.source].values[each.first + np.array(each.literal.numbers)]
             if not notation.has_pose:
                 return None
-            if not (np.abs(values) <= MAX_VALUE).all() or not notation.states(values):
+            if not (np.abs(values) <= MAX_VALUE).all() or not notation.is_valid_orientation(values):
                 return None
             poses.append(notation.pose(values))
         return np.asarray(reduce(np.matmul, poses))

@@ -15,7 +15,7 @@ from functools import cached_property, lru_cache
 from itertools import accumulate
 from typing import Any, Final, NamedTuple, TypeAlias
 
-from jointstiff.service.programs.errors import CONSTANT, shown
+from jointstiff.service.programs.errors import CONSTANT, quote_text
 from jointstiff.service.programs.notation import Notation
 from jointstiff.service.programs.program import Literal, Motion, Source
 from jointstiff.solver.arrays import FloatArray
@@ -377,7 +377,7 @@ class Language:
 def quote_statement(text: str, ordinals: Iterable[int]) -> str:
     """Return a statement in quotation marks for a reason, with NUL, ordinal, NUL in place of each number."""
     numbers = iter(ordinals)
-    return re.sub("@#@", lambda _: f"\0{next(numbers)}\0", shown(text.replace("\0", "@#@")))
+    return re.sub("@#@", lambda _: f"\0{next(numbers)}\0", quote_text(text.replace("\0", "@#@")))
 
 
 def calls_routine(ops: list[Op]) -> bool:

@@ -71,7 +71,7 @@ class Notation:
         """Return whether the numbers are joint angles."""
         return self.orientation is Orientation.JOINTS
 
-    def states(self, values: FloatArray) -> BoolArray:
+    def is_valid_orientation(self, values: FloatArray) -> BoolArray:
         """Return a mask (...) of the targets whose numbers (..., 3 + count) state a valid orientation.
 
         A quaternion must have unit length, and a tool's axis must not be zero.

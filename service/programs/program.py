@@ -96,7 +96,7 @@ class Literal:
     external: tuple[int, ...] = ()  # external axes, and other groups; -1 for one that is not stated
     words: tuple[tuple[str, int], ...] = ()  # names and numbers that state the arm's configuration
     letters: str = ""  # the part of the configuration that is in letters
-    steady: tuple[int, ...] = ()  # numbers that all targets have to share, such as that of the tool
+    common: tuple[int, ...] = ()  # numbers that all targets have to share, such as that of the tool
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from jointstiff.service.programs import language as ir
-from jointstiff.service.programs.errors import shown
+from jointstiff.service.programs.errors import quote_text
 from jointstiff.service.programs.interpreter import Machine
 from jointstiff.service.programs.language import Op
 from jointstiff.service.programs.notation import DEGREE, MM, Notation, Orientation
@@ -96,11 +96,11 @@ def _translate_row(columns: _TableColumns, masked: str) -> list[tuple[int, Op]]:
     elif any(cells[k].strip() != text for k, text in columns.frame_columns.items()):
         reason, remedy = "the tool or the base changes within the table", "send a table for each of them"
     numbers = () if reason else tuple(ends[k] for k in columns.places)
-    external, steady = (
+    external, common = (
         () if reason else tuple(i for k in given for i in range(ends[k], ends[k + 1]))
         for given in (columns.external, columns.frame_columns)
     )
-    target = Literal(columns.notation, numbers, external, steady=steady)
+    target = Literal(columns.notation, numbers, external, common=common)
     motion, base = (Motion.JOINT, "base") if columns.notation.is_joints else (Motion.LINEAR, "part")
     frames = (ir.Named(base),), (ir.Named("tool"),), ()
     return [(0, ir.Move(motion, (target,), *frames, reason, remedy))]
@@ -124,7 +124,7 @@ def _understand_header(machine: Machine, line: int, header: str, first: str) -> 
     if len({_KINDS[each][0] is Orientation.JOINTS for each in kinds}) > 1:
         machine.refuse(line, "the table has both poses and joint angles", "omit one of them")
     if not kinds:
-        reason = f"the header {shown(header)} does not name the coordinates of the targets"
+        reason = f"the header {quote_text(header)} does not name the coordinates of the targets"
         machine.refuse(line, reason, _REMEDY)
     notation = _choose_notation(*_KINDS[kinds[0]], [units[name] for name in kinds[0].split()])
     if notation is None:

@@ -23,7 +23,7 @@ from jointstiff.schemas.imports import (
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, Reading
 from jointstiff.schemas.robot import Body
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place
-from jointstiff.service.importing.grammar import Kind, Quantity, split_along_target, joint_number
+from jointstiff.service.importing.grammar import Kind, Quantity, joint_number, split_along_target
 from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
 from jointstiff.service.importing.rows import ObservationRecord
 from jointstiff.service.problems import FilesError, reworded

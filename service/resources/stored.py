@@ -27,12 +27,12 @@ from jointstiff.service.conversion.prepared import (
     build_robot,
     check_set,
     frame_fields,
+    leave_out_observations,
     prepare_robot,
     read_stated_transform,
     to_base_targets,
     to_resolved_frame,
     transform_to_base,
-    leave_out_observations,
 )
 from jointstiff.service.conversion.readings import ReadingArrays, has_loads, hash_texts, to_measurements
 from jointstiff.service.conversion.robots import describe_joints

@@ -15,7 +15,7 @@ from jointstiff.service.conversion.robots import joint_factors, refuse_far_point
 from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.service.kinds.work import as_request_errors
 from jointstiff.service.problems import FilesError
-from jointstiff.service.programs.errors import Fault, ProgramError, shown
+from jointstiff.service.programs.errors import Fault, ProgramError, quote_text
 from jointstiff.service.programs.formats import choose_frame_notation
 from jointstiff.service.programs.notation import Edit, Notation, Orientation
 from jointstiff.service.programs.program import BLOCK, NUMBERS, FrameName, Program
@@ -195,13 +195,13 @@ def _find_target_frames(
             used.add(key := _find_stated_frame(frame, given, where))
             poses[place] = outer @ given[key]
         elif _fold_name(frame.name) in given:
-            reason = f"the program already has the numbers of {shown(frame.name)}"
+            reason = f"the program already has the numbers of {quote_text(frame.name)}"
             raise RequestError(reason, where=where, remedy="omit this frame")
         else:
             poses[place] = outer @ frame.pose
     for name in (frame.name for frame in stated if _fold_name(frame.name) not in used):  # it may be misspelt
         all_known = "all frames of the program have numbers"
-        reason = all_known if name is None else f"the program does not use {shown(name)}"
+        reason = all_known if name is None else f"the program does not use {quote_text(name)}"
         raise RequestError(reason, where=where, remedy="omit this frame, or correct its name")
     return _Frames(poses, chosen)
 
@@ -212,7 +212,7 @@ def _find_stated_frame(frame: FrameName, given: Mapping[str | None, FloatArray],
         if key in given:
             return key
     raise RequestError(
-        f"the program names {shown(frame.name)}, but has no numbers for it",
+        f"the program names {quote_text(frame.name)}, but has no numbers for it",
         where=where,
         remedy=f"give the numbers: {{'name': {frame.name!r}, 'values': [...]}}",
     )
@@ -227,7 +227,7 @@ def _stated_pose(notation: Notation, values: Sequence[float] | None, where: str)
     """Return the pose (4, 4) [m] of a frame's numbers in the request; the identity for None."""
     if values is None:
         return np.eye(4)
-    if len(values) != 3 + notation.count or not notation.states(np.array(values)):
+    if len(values) != 3 + notation.count or not notation.is_valid_orientation(np.array(values)):
         raise RequestError(
             f"a frame has {3 + notation.count} numbers",
             where=where,
@@ -605,7 +605,7 @@ def _refuse_targets(program: Program, targets: IndexArray, reason: str, remedy: 
 def _make_fault(program: Program, target: int, reason: str, remedy: str) -> Fault:
     """Return a fault at a target, given by index, with its file, line and name."""
     targets = program.targets
-    name = f"{shown(targets.names[target])}: " if targets.names[target] else ""
+    name = f"{quote_text(targets.names[target])}: " if targets.names[target] else ""
     return Fault(
         program.sources[targets.source[target]].name, int(targets.line[target]), name + reason, remedy
     )

@@ -34,7 +34,7 @@ from jointstiff.service.kinds.program.path import ProgramPath, Visits, find_path
 from jointstiff.service.kinds.work import Arrays, Span, Work, as_request_errors, cut_into_spans, joined
 from jointstiff.service.problems import VerdictError
 from jointstiff.service.programs.errors import ProgramError
-from jointstiff.service.programs.formats import marked, read_program
+from jointstiff.service.programs.formats import insert_mark, read_program
 from jointstiff.service.programs.program import BLOCK, NUMBERS, ExternalAxes, Rewriting
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import (
@@ -449,7 +449,9 @@ class ProgramWork(Work):
         program, left, assessment = self._program, len(self._program.left), self._assessment(corrections)
         if (self._request.mark or assessment.verdict == "do_not_use" or left) and points.changed.any():
             counts = datetime.now(UTC).date(), len(program.moves) + left, left
-            contents[0] = marked(program.format, contents[0], self._used.run.id, assessment.verdict, *counts)
+            contents[0] = insert_mark(
+                program.format, contents[0], self._used.run.id, assessment.verdict, *counts
+            )
         files = [packed(source.name, contents.pop(0)) for source in program.sources]
         return self._make_result(points, files, assessment)
 
