@@ -506,15 +506,13 @@ class ColumnReader:
         """Report faults unless the columns have names and numbers, and state the load only once."""
         place, report = self._heading.place(), self._faults.report
         if "name" not in texts and not self._options.by_order:
-            remedy = (
-                "add a column with the header label or name; or `by_order`, to number the rows of each file"
-            )
+            remedy = "add a column with the header `label` or `name`, or use `by_order` to number the rows of each file"
             report(place, "no column names the observations or points", remedy, "by_order")
         if not quantities:
             report(place, "no column with numbers is recognised", "check the header")
         hung, force = quantities.get(Quantity("mass")), quantities.get(Quantity("force"))
         if hung:
-            self._notes.append("the weight of a mass, 9.80665 N a kilogram, pulls along −z of R0")
+            self._notes.append("the weight of each mass, 9.80665 N per kilogram, pulls along −z of R0")
             if force:
                 header = quote(self._headers[hung[0]])
                 reason = f"{header} states the load, but columns of forces state the load, too"

@@ -116,7 +116,7 @@ def _check_template(options: ImportOptions, headers: Sequence[str], place: Place
         "not in the template": [text for text in texts if text not in nearest],
     }
     named = [f"{what}: {quote(', '.join(found))}" for what, found in differences.items() if found]
-    reason = "; ".join(named) or "the same columns in another order or number"
+    reason = "; ".join(named) or "the columns have another order or number"
     remedy = "import it without the template (`layouts`), or correct it"
     faults.report(place, f"the file does not fit the template; {reason}", remedy)
 
@@ -271,7 +271,9 @@ def _check_end_of_file(grid: Grid, rows: Sequence[Row], faults: Faults) -> str |
         remedy = "export or copy the file again; if it is complete, end its last line"
         faults.report(place, f"the file is cut off: {reason}", remedy)
     complete = last in others or 0 < length == max(lengths) or length >= _FINE
-    return f"the last number {last} ({place}), whose line has no end" if number and not complete else None
+    return (
+        f"the last number {last} ({place}), whose line has no line break" if number and not complete else None
+    )
 
 
 def _drop_deleted_rows(
@@ -297,7 +299,7 @@ def _drop_deleted_rows(
     if not kept:
         faults.report(Place(grid.file), "all rows are marked as deleted", "check the file")
     if numbered and len(kept) < len(rows):
-        reason = "rows are marked as deleted, so that the numbers of the others are not sure"
-        remedy = "give every row a label, or delete them from all files"
+        reason = "rows are marked as deleted, so that the numbers of the other rows are uncertain"
+        remedy = "give every row a label, or delete these rows from all files"
         faults.report(Place(grid.file), reason, remedy, "by_order")
     return tuple(kept)

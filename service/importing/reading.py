@@ -136,8 +136,11 @@ def _check_files(files: Sequence[SourceFile]) -> None:
         ends, pairs = (b"\n", b"\r"), (b"\r\n", b"\r\0\n")
         lines += sum(map(file.content.count, ends)) - sum(map(file.content.count, pairs))
         if lines > grid.MAX_LINES:
-            limit = f"the files have more than {grid.MAX_LINES} lines together, empty ones and comments too"
-            raise ImportFileError(place, limit, "remove those, or import fewer files at once")
+            count = f"{grid.MAX_LINES} lines together"
+            limit = f"the files have more than {count}, including empty lines and comments"
+            raise ImportFileError(
+                place, limit, "remove empty lines and comments, or import fewer files at once"
+            )
 
 
 class _Reader:
@@ -165,7 +168,7 @@ class _Reader:
         if all(not layout.columns.faulty for layout in self._layouts) and len(self._previews) == len(files):
             if not self._layouts:
                 remedy = "import them together with the readings of the robot"
-                raise ImportFileError(NOWHERE, "the files have masses and no readings", remedy)
+                raise ImportFileError(NOWHERE, "the files contain masses, but no readings", remedy)
             self._check_options()
         readers = []
         for layout in self._layouts:
@@ -228,7 +231,7 @@ class _Reader:
             }
         )
         units = {kind: "mm" if unit == "in" else unit for kind, unit in self._units.items()}
-        unsure = [layout.unsure_number for layout in self._layouts if layout.doubt]
+        unsure = [layout.unsure_number for layout in self._layouts if layout.unsure_number]
         unusual = (*unsure, *_find_unusual_values(observations))
         bodies = tuple(self._bodies)
         return Understood(preview, (), tuple(observations), units, self._surroundings, bodies, unusual)
@@ -295,7 +298,7 @@ class _Reader:
         if first.frame != layout.frame:
             frames = layout.frame or "not named", first.frame or "not named"
             reason = f"the frame is {frames[0]}, but {frames[1]} in other files"
-            remedy = "export all in one frame; add a line `# Frame: NAME` to a file that names none"
+            remedy = "export all files in one frame; add a line `# Frame: NAME` to a file that names no frame"
             self._faults.report(place, reason, remedy)
 
 
@@ -376,7 +379,7 @@ def _merge_record(gathered: ObservationRecord, record: ObservationRecord, faults
             what = f"{quantity.target} {quantity.state} of {quote(record.label)}"
             _report_duplicate(what, value.place, before.place, faults)
         elif before.vector != value.vector:
-            reason = f"the {quantity.kind} of {quote(record.label)} differs from that at {before.place}"
+            reason = f"the {quantity.kind} of {quote(record.label)} differs from the value at {before.place}"
             remedy = "give each observation a unique label, or correct one of them"
             faults.report(record.place, reason, remedy)
 
@@ -507,7 +510,7 @@ def _check_sigmas(observations: list[ObservationRecord], faults: Faults) -> dict
         elif value.vector is not None and quantity.kind == "position":
             without.append(value.place)
     if counts and without:
-        reason = "the point has no uncertainty, but others have"
+        reason = "the point has no uncertainty, but other points have one"
         faults.report(without[0], reason, "add it, or skip the columns of U(95) with `ignore`")
     return dict(sorted(counts.items()))
 

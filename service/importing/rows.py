@@ -389,7 +389,7 @@ class TimesAndRoundings:
         notes = []
         if self.measured_at is not None:
             time = self.measured_at.isoformat(" ", "seconds")
-            notes.append(f"time of the measurement, of the first reading, UTC if it names no zone: {time}")
+            notes.append(f"time of the first reading, in UTC if the file names no time zone: {time}")
         if self.unclear:
             example = f"such as {quote(self.unclear[0])} ({len(self.unclear)} rows)"
             notes.append(f"times were not understood and not used, {example}: give them with `measured_at`")
@@ -459,7 +459,9 @@ class RowReader:
                 faults.report(place, f"this row has no {quantity.kind}", "fill in the cells")
             elif quantity.kind == "mass":
                 if min(vector, default=0.0) < 0.0:
-                    faults.report(place, "a hung mass is negative", "give its amount in kg")
+                    faults.report(
+                        place, "a hung mass is negative", "give the mass as a positive number in kg"
+                    )
                 record.values[Quantity("force")] = Value(
                     (0.0, 0.0, *(-mass for mass in vector)), record.place
                 )

@@ -69,7 +69,7 @@ def test_a_last_line_without_an_end_may_be_cut_off(outcome):
             with pytest.raises(ImportFileError, match="the file is cut off"):
                 read(("a.csv", table))
             continue
-        asked = f"the last number {cells[-1]} ('a.csv', line 4, column 5), whose line has no end"
+        asked = f"the last number {cells[-1]} ('a.csv', line 4, column 5), whose line has no line break"
         assert list(read(("a.csv", table)).unusual) == [asked] * (outcome == "doubted")
 
 

@@ -168,7 +168,7 @@ def test_an_observation_is_read_once():
     row = "c01,0.1,0,0,-150,{},0.1,0.2,0.3\n"
     table = "label,J1 [rad],Fx [N],Fy [N],Fz [N],target,dx [mm],dy [mm],dz [mm]\n" + row.format("P10")
     assert refusals(("a.csv", table + row.format("P11").replace("-150", "-151"))) == [
-        "a.csv:3: the force of 'c01' differs from that at 'a.csv', line 2; "
+        "a.csv:3: the force of 'c01' differs from the value at 'a.csv', line 2; "
         "give each observation a unique label, or correct one of them"
     ]
     assert refusals(("a.csv", table + row.format("P10"))) == [

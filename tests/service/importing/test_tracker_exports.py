@@ -54,7 +54,7 @@ OF_POINTS = (
     "uncertainties: σ = U/(1.96 √3), for both states the root of the mean square"
 )
 OF_COORDINATES = "U(95) X, Y, Z was read as the expanded uncertainty of each coordinate: σ = U/1.96"
-FIRST = "time of the measurement, of the first reading, UTC if it names no zone: "
+FIRST = "time of the first reading, in UTC if the file names no time zone: "
 
 
 def test_the_uncertainty_of_points_is_that_of_their_readings():
@@ -203,7 +203,7 @@ def listed(*remarks, state="unloaded"):
 def test_files_in_two_frames_are_refused(remark):
     assert refusals(listed(remark), listed("// FRAME = WORLD", state="loaded")) == [
         "loaded.csv: the frame is WORLD, but A::fit in other files; "
-        "export all in one frame; add a line `# Frame: NAME` to a file that names none"
+        "export all files in one frame; add a line `# Frame: NAME` to a file that names no frame"
     ]
 
 

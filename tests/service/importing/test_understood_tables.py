@@ -162,7 +162,9 @@ def test_a_hung_mass_pulls_down_by_its_weight(header):
     assert {one.force for one in answer.measurement_set.observations} == {(0.0, 0.0, -150.0)}
     assert answer.measurement_set.units.force == "kgf"
     assert [row[3] for row in numbers_of(answer)] == [row[3] for row in CAMPAIGN_NUMBERS]
-    assert answer.files[0].assumptions == ["the weight of a mass, 9.80665 N a kilogram, pulls along −z of R0"]
+    assert answer.files[0].assumptions == [
+        "the weight of each mass, 9.80665 N per kilogram, pulls along −z of R0"
+    ]
 
 
 def test_a_hung_mass_stands_in_place_of_forces():
