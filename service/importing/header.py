@@ -506,7 +506,10 @@ class ColumnReader:
         """Report faults unless the columns have names and numbers, and state the load only once."""
         place, report = self._heading.place(), self._faults.report
         if "name" not in texts and not self._options.by_order:
-            remedy = "add a column with the header `label` or `name`, or use `by_order` to number the rows of each file"
+            remedy = (
+                "add a column with the header `label` or `name`, or use `by_order` to number the rows of "
+                "each file"
+            )
             report(place, "no column names the observations or points", remedy, "by_order")
         if not quantities:
             report(place, "no column with numbers is recognised", "check the header")

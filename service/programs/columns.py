@@ -154,7 +154,9 @@ class Columns:
             cause: why the move cannot be corrected; None if it can be.
         """
         if len(self._visits) + len(op.targets) > MAX_VISITS or len(self._left) > MAX_VISITS:
-            self._refuse(line, f"more than {MAX_VISITS} targets of moves", "split the program")
+            self._refuse(
+                line, f"the moves of the program have more than {MAX_VISITS} targets", "split the program"
+            )
         if cause is None:
             self._visits.extend(
                 [self._index_target(each, pair, line) for each, pair in zip(targets, frames, strict=True)]
@@ -183,10 +185,14 @@ class Columns:
         """
         index = len(self._names) + np.arange(len(lines))
         if index[-1] >= MAX_TARGETS:
-            self._refuse(int(lines[0]), f"more than {MAX_TARGETS} targets", _WRITE_ANEW)
+            self._refuse(int(lines[0]), f"the program has more than {MAX_TARGETS} targets", _WRITE_ANEW)
         ends = len(self._visits) + 1 + np.arange(len(lines))
         if ends[-1] > MAX_VISITS:
-            self._refuse(int(lines[0]), f"more than {MAX_VISITS} targets of moves", "split the program")
+            self._refuse(
+                int(lines[0]),
+                f"the moves of the program have more than {MAX_VISITS} targets",
+                "split the program",
+            )
         (literal,) = (each for each in op.targets if isinstance(each, Literal))
         known = self._literals.setdefault(literal, len(self._literals))
         base, tool = self._index_frame("base", frames[0]), self._index_frame("tool", frames[1])
@@ -211,7 +217,7 @@ class Columns:
         row = _WIDTH * index
         if index == len(self._names):
             if index >= MAX_TARGETS:
-                self._refuse(used, f"more than {MAX_TARGETS} targets", _WRITE_ANEW)
+                self._refuse(used, f"the program has more than {MAX_TARGETS} targets", _WRITE_ANEW)
             self._targets.extend((target.source, target.line, target.first, used, literal, base, tool))
             self._names.append(target.label)
         elif self._targets[row + 5] < 0:

@@ -105,7 +105,7 @@ def _translate_move(line: Line) -> list[Op]:
     """
     letter, tail = line["letter"], line["tail"]
     if bool(line["second"]) != (letter == "C"):
-        raise Misread("an arc has two positions, another move has one; its second one is on the next line")
+        raise Misread("an arc needs two positions, the second on the next line; any other move needs one")
     offset = _OFFSET.search(tail)
     if not _is_known_tail(tail):
         what = "the text after the target moves it, or is unknown"
@@ -142,7 +142,7 @@ def _translate_frame_change(line: Line) -> list[Op]:
     All values are unknown, also before this statement: the next run begins with the changed frame.
     """
     reason = f"{ir.quote_statement(line.text, line.ordinals)}: the frame changes while the program runs"
-    remedy = "set frames before the program, not in it: all of its moves have to know them"
+    remedy = "set the frames before the program starts, because all of its moves depend on them"
     return [ir.MakeUnknown(frozenset(), reason, remedy, anytime=True)]
 
 
@@ -261,7 +261,9 @@ def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
         if match := _SECTION.match(text):
             again = match[1] in sections and match[1] != "APPL"
             if again or _ORDER.index(match[1]) < max(map(_ORDER.index, sections), default=0):
-                machine.refuse(line, f"a second or misplaced /{match[1]}", "send one program")
+                machine.refuse(
+                    line, f"the section /{match[1]} occurs twice or in the wrong place", "send one program"
+                )
             here, sections[match[1]] = match[1], start + len(text)
         elif here == "END" and text.strip():
             machine.refuse(line, "there is text after /END", "send one program")
@@ -269,7 +271,7 @@ def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
             _add_instruction(machine, spans, line, start, text)
     if not sections.keys() >= {"MN", "POS"}:
         remedy = "write the program as ASCII (.LS), not as binary (.TP)"
-        machine.refuse(None, "the file has no /MN and /POS", remedy)
+        machine.refuse(None, "the file lacks the section /MN or /POS", remedy)
     end = sections["END"] - len("/END") if "END" in sections else len(source.text)
     positions = _find_positions(machine, source, sections["POS"], end)
     machine.add(0, *_spans_to_arrays(positions), translate=_POINTS.translate)

@@ -69,7 +69,12 @@ def read_program(
         remedy = "send one program; with KUKA's .src its .dat and $config.dat"
         _refuse(files[-1][0], None, "more files were sent than one program has", remedy)
     if sum(len(content) for _, content in files) > MAX_PROGRAM_BYTES:
-        _refuse(files[0][0], None, f"more than {MAX_PROGRAM_BYTES // 2**20} MiB", "split the program")
+        _refuse(
+            files[0][0],
+            None,
+            f"the files of the program have more than {MAX_PROGRAM_BYTES // 2**20} MiB",
+            "split the program",
+        )
     ordered = sorted(files, key=lambda file: file[0].lower().endswith(".dat"))  # moves are of the first file
     sources = tuple(_read_source(name, content) for name, content in ordered)
     commas = chosen == "csv" and has_decimal_commas(sources[0].text)
@@ -122,7 +127,7 @@ def _read_source(name: str, content: bytes) -> Source:
         reason = "the file is not text with one byte per character"
         _refuse(name, None, reason, "save it as plain text, not as UTF-16 or binary")
     if content.count(b"\n") + content.count(b"\r") > MAX_LINES:
-        _refuse(name, None, f"more than {MAX_LINES:,} lines", "split the program")
+        _refuse(name, None, f"the file has more than {MAX_LINES:,} lines", "split the program")
     source = Source.from_bytes(name, content)
     if (place := source.text.find(MARK)) >= 0:
         reason = "the program states that it was corrected already: a second correction would add to it"

@@ -311,7 +311,10 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
         head = rf"(?im)^[ \t]*+DEFDAT[ \t]++({_NAME})([ \t]++PUBLIC\b)?"
         data = re.search(head, source.text) if index else None
         if main and data and not is_config and data[1].upper() != main[1].upper():
-            reason, remedy = f"it declares data of {data[1]}, not of {main[1]}", "send the .dat of the .src"
+            reason, remedy = (
+                f"the file declares data of {data[1]}, not of {main[1]}",
+                "send the .dat file of this .src file",
+            )
             machine.refuse(source.line(data.start()), reason, remedy, index)
         declares = source.name.lower().endswith(".dat") and len(sources) > 1
         # Only a .dat that is public, and $config.dat, can be changed by other programs.

@@ -190,7 +190,7 @@ def _translate_move(line: Line) -> list[Op]:
         return ir.leave_move([*found, *uses], "the target is not given by numbers", _REMEDY)
     found += [op for each in given[count:last] + given[last + 1 :] for op in line.read_expression(each)]
     if ir.calls_routine(found):
-        raise Misread("the move computes something", "write speed, zone and tool by their names")
+        raise Misread("an argument of the move is computed", "write speed, zone and tool by their names")
     process = [ir.Call(given[-1].strip('"'), attached=True)] if behind == 1 else []
     frames = (_frame_product(frame, "WOBJDATA"),) * count, (_frame_product(given[last], "TOOLDATA"),) * count
     return [*found, *process, ir.Move(_MOTIONS[letter], known, *frames)]

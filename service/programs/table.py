@@ -87,7 +87,7 @@ def _translate_row(columns: _TableColumns, masked: str) -> list[tuple[int, Op]]:
     ends = [0, *accumulate(cell.count("\0") for cell in cells)]
     wrong = next((k for k in columns.places if k < len(cells) and not _NUMBER.fullmatch(cells[k])), None)
     if len(cells) != columns.width:
-        reason = f"{len(cells)} columns instead of {columns.width}"
+        reason = f"the row has {len(cells)} columns instead of {columns.width}"
         remedy = "give every row as many columns as the header"
     elif wrong is not None:
         cell = ir.quote_statement(cells[wrong], range(ends[wrong], ends[-1]))
@@ -128,7 +128,7 @@ def _understand_header(machine: Machine, line: int, header: str, first: str) -> 
         machine.refuse(line, reason, _REMEDY)
     notation = _choose_notation(*_KINDS[kinds[0]], [units[name] for name in kinds[0].split()])
     if notation is None:
-        reason = "the columns of the targets have no units, different ones, or those of another quantity"
+        reason = "the columns of the targets have no units, different units, or units of another quantity"
         machine.refuse(line, reason, _REMEDY)
     stated = dict(enumerate(cell.strip() for cell in first.split(delimiter)))
     frame_columns = {k: stated.get(k, "") for k, text in enumerate(texts) if _FRAME_COLUMN.match(text)}

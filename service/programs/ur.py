@@ -144,7 +144,7 @@ def _read_target(line: Line, start: int, end: int, found: list[Op]) -> tuple[Lit
         first, *more = list(split_outside_brackets(line.text[: end - 1], start + head.end()))
         if head[1] == "get_inverse_kin":
             if len(more) > 3 or "tcp=" in text:
-                raise Misread("get_inverse_kin has a tool of its own")
+                raise Misread("get_inverse_kin is called with its own tool")
             for each in more:  # angles near the answer, and tolerances
                 found += line.read_expression(line.text[slice(*each)].removeprefix("qnear="))
             return _read_target(line, *first, found)

@@ -210,7 +210,7 @@ def test_a_target_in_two_bases_is_left_at_both_of_its_moves():
 NOT_CNC = "programs in the formats CNC, APT and CLS cannot be read"
 ITS_LANGUAGE = "write it in the controller's own language, or as a table of targets (CSV)"
 BRACES = "braces are nested more than 16 deep; declare inner structures on their own"
-UNITS = "the columns of the targets have no units, different ones, or those of another quantity"
+UNITS = "the columns of the targets have no units, different units, or units of another quantity"
 REFUSED = {
     "G code": ("a.nc", "GOTO/1,2,3", f"'a.nc': {NOT_CNC}; {ITS_LANGUAGE}"),
     "APT": ("a.APT", "GOTO/1,2,3", f"'a.APT': {NOT_CNC}; {ITS_LANGUAGE}"),
