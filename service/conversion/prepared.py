@@ -202,7 +202,7 @@ class PreparedSet:
 
     @property
     def content(self) -> str:
-        """SHA-256 of robot and readings together, in hexadecimal digits."""
+        """Hash (SHA-256) of robot and readings together, in hexadecimal digits."""
         return hash_texts(self.robot_hash, self.content_hash)
 
     def run_hash(self, request: RunRequest) -> str:

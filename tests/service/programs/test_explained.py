@@ -175,7 +175,7 @@ LEFT = {
         "a.csv",
         'n,x [mm],y [mm],z [mm]\n"P1,5",1,2,3\n',
         2,
-        "5 columns instead of 4",
+        "the row has 5 columns instead of 4",
         "give every row as many columns as the header",
     ),
 }  # fmt: skip
