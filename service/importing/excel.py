@@ -38,9 +38,9 @@ _MAX_PLAIN_BYTES: Final = 1024 * 1024
 """Size of a part below which its ratio does not matter."""
 _MAX_DEPTH: Final = 32
 _MAX_MARKUP_BYTES: Final = 256 * 1024
-"""Between two tags, or within one: no cell of Excel is longer."""
+"""Largest number of bytes within a tag or between two tags; no cell of Excel is longer."""
 _MAX_CHILDREN: Final = 100_000
-"""Elements within one that is read as a whole: a row, a text, all formats."""
+"""Largest number of elements in an element that is read as a whole, such as a row or a text."""
 _MAX_LINE: Final = 1_048_576
 """Excel's last row."""
 
@@ -82,7 +82,7 @@ _QUOTED: Final = re.compile(r'"[^"]*"|\\.|_.|\*.|\[[^\]]*\]')
 
 
 def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
-    """Return one sheet of a workbook as a grid; cells with formulas have the values stored with them.
+    """Return one sheet of a workbook as a grid; a cell with a formula has the value that Excel stored.
 
     Args:
         file: name of the file, for messages.

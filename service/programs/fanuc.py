@@ -56,7 +56,7 @@ _LOGIC: Final = r"(?P<action>JMP LBL ?\[.*\]|CALL .+|(?:DO|RO|GO|AO|R|F|WO)\[[^=
 
 
 def _choose_frame(line: Line) -> list[Op]:
-    """Return the operations of a statement that makes a frame or a tool the active one by its number."""
+    """Return the operations of a statement that activates the frame or the tool with a number."""
     which = line["which"]
     return [ir.Assign(f"U{which}_NUM", ir.Named((f"U{which[0]} %s", line.first_ordinal("number"))))]
 
@@ -78,7 +78,7 @@ def _translate_conditional_action(line: Line) -> list[Op]:
 
 
 def _translate_quiet_instruction(line: Line) -> list[Op]:
-    """Return the operations of an instruction that moves nothing: those of its value, if it has a value.
+    """Return the operations of an instruction that moves nothing: the names used in its value, if any.
 
     The value is an expression, `ON`, or a pulse such as `PULSE,0.2sec`, which uses no names.
     """

@@ -141,7 +141,7 @@ def _read_source(name: str, content: bytes) -> Source:
 
 
 def _refuse(file: str, line: int | None, reason: str, remedy: str) -> None:
-    """Refuse a program for one fault.
+    """Refuse a program because of one fault.
 
     Raises:
         ProgramError: always.

@@ -30,11 +30,11 @@ _MAX_SHAPES: Final = 10_000
 """Largest number of masked statements whose translations are remembered."""
 _MAX_STATEMENT: Final = 16_384
 _MAX_WORK: Final = 10_000_000
-"""Steps, and names in states that are joined: beyond it, a program is not one that people wrote."""
+"""Largest number of steps, and of names in states that are joined; programs of people need far fewer."""
 _MAX_DEPTH: Final = 100
-"""Branches, loops and routines within one another."""
+"""Largest depth of branches, loops and routines within one another."""
 _MAX_CALLS: Final = 200
-"""Routines within one another that are passed through at once; deeper ones wait for the next pass."""
+"""Largest depth of calls that are followed in one pass; deeper calls are followed in the next pass."""
 UNKNOWN: Final = "\0everything"
 """Name in a state behind an unknown call: its value is the cause why values of other names are unknown."""
 
@@ -369,7 +369,7 @@ class Machine:
                 self._ops.append(op)
 
     def _enter_scope(self, op: ir.Flow) -> None:
-        """Enter the scope of a routine or a block that begins, or leave the scope of one that ends."""
+        """Enter the scope of a routine or block where it begins, and leave the scope where it ends."""
         if op.kind in {"routine", "aside"}:  # a handler without a name shares the scope of its routine
             self._scopes.append(Scope(str(op.name)) if op.name else self._closed)
         elif op.kind in {"if", "loop", "repeat"}:
@@ -406,7 +406,7 @@ class Machine:
             self._anytime.update(self._changed[name])
 
     def _collect_unknown_values(self, place: Place, op: ir.MakeUnknown) -> None:
-        """Note the cause of a statement that gives unknown values, for the names that it changes."""
+        """Note why values become unknown at a statement, for each name that the statement changes."""
         cause = place.cause(op.reason, op.remedy)
         self._causes.append(cause)
         self._earlier = self._earlier or (None if op.names else cause)
@@ -443,7 +443,7 @@ class Machine:
         return place.cause(reason, f"if it does neither, name it in `leave_alone`: [{quote_text(name)}]")
 
     def _list_name_and_fields(self, name: str) -> list[str]:
-        """Return a name, and the names of all fields that it may have."""
+        """Return a list of a name, and the names of all fields that a structure of this name may have."""
         whole, of, routine = name.partition(OF)
         return [name, *(f"{whole}{part}{of}{routine}" for part in self._language.parts)]
 
@@ -452,7 +452,7 @@ class Machine:
         return op.name in self._flow.begins and not op.attached
 
     def _summarise_routines(self) -> None:
-        """Find the names that each routine may change itself, or through the routines that it calls."""
+        """Find the names that each routine may change, also through the routines that it calls."""
         callers = self._callers
         for i, op in enumerate(self._ops):
             routine, state = self._flow.routine[i], dict[str, tuple[Content, int]]()
@@ -802,7 +802,7 @@ class Machine:
         return self._named[name]
 
     def _restore_spelling(self, place: Place, name: str) -> str:
-        """Return a name as the program spells it near a place."""
+        """Return a name in the spelling of the program near a place."""
         return self.columns.restore_spelling(name, place.source, place.line)
 
     def _multiply_poses(self, given: Iterable[WrittenNumbers]) -> FloatArray | None:

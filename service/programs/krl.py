@@ -94,7 +94,7 @@ def _target_from_fields(fields: dict[str, int | str]) -> Literal | None:
 
 
 def _copy_frames(name: str, value: str) -> list[Op]:
-    """Return the operations that copy base and tool of one frame data to another."""
+    """Return the operations that copy base and tool from the frame data `value` to the frame data `name`."""
     return [ir.Assign(f"{name}.{which}", ir.Copy(f"{value}.{which}")) for which in ("BASE", "TOOL")]
 
 

@@ -331,9 +331,9 @@ class Language:
         raise Misread(UNKNOWN_STATEMENT)
 
     def _unknown(self, masked: str, line: Line, fault: Misread) -> list[tuple[int, Op]]:
-        """Return the operations of a statement that is not understood: it may change all names.
+        """Return the operations of a statement that is not understood, and may therefore change all names.
 
-        Each word of a motion in the statement is a move that is left.
+        Each word of a motion in the statement becomes a move that is not corrected.
         """
         reason = f"{quote_statement(line.text, line.ordinals)}: {fault.reason}"
         remedy, names = fault.remedy or self.remedy, _NAME.findall(_QUOTED.sub("_", line.text))
@@ -440,7 +440,7 @@ def _balanced(text: str) -> bool:
 
 
 _MAX_DEPTH: Final = 16
-"""Braces within one another; a controller's own structures have three."""
+"""Largest depth of braces within one another; structures of controllers need a depth of three."""
 _QUOTED: Final = re.compile(r'"[^"]*+"')
 _PART: Final = re.compile(r"([@#])\{(\w+)\}")
 _SIGN: Final = re.compile(r"[^\r\n]")

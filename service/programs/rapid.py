@@ -63,7 +63,7 @@ def _translate_routine(line: Line) -> list[Op]:
 
 
 def _translate_test(line: Line) -> list[Op]:
-    """Return the operations of TEST with its first CASE, DEFAULT or ENDTEST, which are one statement."""
+    """Return the operations of TEST up to its first CASE, DEFAULT or ENDTEST."""
     first = ir.mark_attached(line.read_expression(line["first"])) if line["first"] else []
     kind = "close" if line.text[-1] != ":" else "turn" if line["first"] else "default"
     return [ir.Flow("if"), *first, ir.Flow(kind)]
@@ -81,7 +81,7 @@ def _refuse_one_line_if(_line: Line) -> list[Op]:
 
 
 def _translate_instruction(line: Line) -> list[Op]:
-    """Return the operations of any other instruction: one of the controller, or a call of a routine."""
+    """Return the operations of an instruction of the controller, or of the call of a routine."""
     name = line["name"]
     arguments = re.sub(r",{2,}", ",", re.sub(r"\\(\w+)(:=)?", r",\1,", line["arguments"])).strip(",")
     found = line.read_expression(arguments)
@@ -130,7 +130,7 @@ def _assign_data(line: Line, name: str, start: int, end: int, *kinds: str) -> li
 
 
 def _frame_product(name: str, kind: str) -> ir.Product:
-    """Return the product of the frames of the work object or tool `name`, which is one of two `kind`s."""
+    """Return the product of the frames of data `name`; `kind` is WOBJDATA (work object) or TOOLDATA."""
     return ir.Product(tuple(f"{name}{frame}" for frame in _FRAMES_OF[kind]))
 
 
