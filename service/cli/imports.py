@@ -289,11 +289,11 @@ def _read_and_ask(
 
 def _split_typed_header(stated: Options, sources: Sequence[SourceFile]) -> Options:
     """Return options in which the header, typed as one text, is a list of cells."""
-    from jointstiff.service.importing.reading import delimiter_of
+    from jointstiff.service.importing.reading import detect_delimiter
 
     if not isinstance(header := stated.get("header"), str):
         return stated
-    found: Delimiter | None = next(filter(None, map(delimiter_of, sources)), None)
+    found: Delimiter | None = next(filter(None, map(detect_delimiter, sources)), None)
     delimiter: Delimiter | None = stated.get("delimiter") or found
     return {**stated, "header": _split_header(header, delimiter)}
 

@@ -553,7 +553,7 @@ def _explain_moves_if_requested(values: _Values, sources: Sequence[Any]) -> bool
         CampaignError: the program cannot be read.
     """
     from jointstiff.service.problems import CampaignError, FilesError, problem_from_error
-    from jointstiff.service.programs.formats import explained
+    from jointstiff.service.programs.formats import list_moves
     from jointstiff.service.programs.program import ExternalAxes
 
     if not values["explain"]:
@@ -563,7 +563,7 @@ def _explain_moves_if_requested(values: _Values, sources: Sequence[Any]) -> bool
     files = [(path.name, path.read_bytes()) for path in sources[1]]
     try:
         external = ExternalAxes(values["external_axes"] or ExternalAxes.MAY_CARRY)
-        rows = explained(files, values["format"], values["leave_alone"] or (), external)
+        rows = list_moves(files, values["format"], values["leave_alone"] or (), external)
     except FilesError as error:
         raise CampaignError(problem_from_error(error)) from error
     if values["as_json"]:

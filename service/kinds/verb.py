@@ -165,14 +165,14 @@ def merge_options(
     merged = {} if options is None else options.model_dump(mode="json", exclude_unset=True)
     merged |= fields
     if isinstance(merged.get("units"), str):
-        from jointstiff.service.conversion.arrays import units_of
+        from jointstiff.service.conversion.arrays import parse_units
 
-        merged["units"] = units_of(merged["units"])
+        merged["units"] = parse_units(merged["units"])
     if isinstance(merged.get("goal"), str):
-        from jointstiff.service.conversion.units import goal_of_text
+        from jointstiff.service.conversion.units import parse_goal_text
 
         with as_campaign_error(""):
-            merged["goal"] = goal_of_text(merged["goal"])
+            merged["goal"] = parse_goal_text(merged["goal"])
     return merged
 
 

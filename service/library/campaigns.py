@@ -85,7 +85,7 @@ class Campaign(messages.Campaign):
             CampaignError: an array has a wrong shape, or a length seems to be in another unit; its `problem`
                 states the array, the place and the remedy.
         """
-        from jointstiff.service.conversion.arrays import ArrayReadings, units_of
+        from jointstiff.service.conversion.arrays import ArrayReadings, parse_units
 
         described = robots.robot(robot)
         with as_campaign_error(""):
@@ -101,7 +101,7 @@ class Campaign(messages.Campaign):
                 targets,
                 labels,
             )
-            readings = arrays.document(units_of(units))
+            readings = arrays.document(parse_units(units))
         noise = {} if sigma is None else {"noise": {"sigma": float(sigma)}}
         document = {"name": name, "encoders": encoders, **noise, **plain_fields(header), **readings}
         options = run if isinstance(run, Mapping) else {} if run is None else plain_fields(run)

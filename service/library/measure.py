@@ -25,9 +25,9 @@ from jointstiff.schemas.plan import Goal, PlannedReading
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.prepared import (
     PreparedRobot,
-    own_frame,
     prepare_robot,
-    stated_transform,
+    read_stated_transform,
+    resolve_stated_frame,
 )
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.live.campaign import MOST_READINGS, Declaration, Entry, LiveCampaign
@@ -111,7 +111,7 @@ class _SetInProcess:
         """Begin without readings; `post` declares goal, load and targets; `run` has the run's options."""
         self._document, self._run = robot.document, run
         with as_campaign_error("measurement_set"):
-            resolved = own_frame(post)
+            resolved = resolve_stated_frame(post)
         with as_campaign_error(""):
             self._campaign = LiveCampaign(Declaration(robot.robot, post, resolved))
             _ = self._campaign.declared.ahead  # computed now to raise an error for what cannot be measured
@@ -416,7 +416,7 @@ class LiveMeasurement:
         sigma = length * noise if noise else options.sigma or _SIMULATED_SIGMA
         if post.frame is None or post.frame.rotation is None:
             return Setting(self._robot, targets, point, sigma)
-        transform = stated_transform(post.frame, length)
+        transform = read_stated_transform(post.frame, length)
         return Setting(
             self._robot, targets, point, sigma, (transform.rotation, np.asarray(transform.translation))
         )

@@ -109,12 +109,12 @@ def _read_robot_fields(text: str, base: str | None, flange: str | None) -> dict[
     """Return the fields of a robot: from a URDF (its text or file), a robot file, or the name of an arm."""
     if not text.lstrip().startswith("<") and Path(text).suffix.lower() not in {".urdf", ".xml"}:
         return plain_fields(read_robot(text))
-    from jointstiff.service.conversion.arrays import urdf_model
+    from jointstiff.service.conversion.arrays import convert_urdf
 
     is_text = text.lstrip().startswith("<")
     urdf = text if is_text else Path(text).read_text(encoding="utf-8-sig")
     with as_campaign_error("robot"):
-        return {"name": "robot" if is_text else Path(text).stem, "model": urdf_model(urdf, base, flange)}
+        return {"name": "robot" if is_text else Path(text).stem, "model": convert_urdf(urdf, base, flange)}
 
 
 def _make_robot_fields(
@@ -124,13 +124,13 @@ def _make_robot_fields(
     units: AnyUnits,
 ) -> dict[str, Any]:
     """Return the fields of a robot: from a Pinocchio model, or from rows of Denavit-Hartenberg parameters."""
-    from jointstiff.service.conversion.arrays import dh_model, pinocchio_model, units_of
+    from jointstiff.service.conversion.arrays import convert_dh_rows, convert_pinocchio_model, parse_units
 
     with as_campaign_error("robot"):
         if hasattr(source, "jointPlacements"):  # a Pinocchio model
-            model, bodies = pinocchio_model(source, flange)
+            model, bodies = convert_pinocchio_model(source, flange)
             return {"name": source.name or "robot", "model": model, **({"bodies": bodies} if bodies else {})}
-        return {"model": dh_model(source, convention, units_of(units))}
+        return {"model": convert_dh_rows(source, convention, parse_units(units))}
 
 
 def plain_fields(fields: Message | Mapping[str, Any]) -> dict[str, Any]:

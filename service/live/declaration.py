@@ -21,7 +21,7 @@ from jointstiff.schemas.plan import (
     PlannedLoad,
 )
 from jointstiff.service.conversion.prepared import PreparedRobot, prepare_set
-from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, goal_of_text
+from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, parse_goal_text
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.mechanics.block import targets_in_flange
 from jointstiff.solver.mechanics.measurements import Measurements
@@ -47,7 +47,7 @@ def read_goal(goal: str | Goal | Mapping[str, Any], force: Vector3 | None = None
     """
     if isinstance(goal, Message):
         return goal
-    document = dict(goal) if isinstance(goal, Mapping) else goal_of_text(goal)
+    document = dict(goal) if isinstance(goal, Mapping) else parse_goal_text(goal)
     if force is not None and document.get("kind") != "joints":
         document.setdefault("force", force)
     return LiveOptions.model_validate({"goal": document}).goal

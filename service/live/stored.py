@@ -26,7 +26,7 @@ from jointstiff.schemas.measurement import (
 from jointstiff.schemas.plan import AnyDirection, DeadWeight, Plan, PlanResult, ReadingOptions
 from jointstiff.schemas.query import OpenSetQuery, SetQuery
 from jointstiff.schemas.run import RunRequest
-from jointstiff.service.conversion.prepared import placed
+from jointstiff.service.conversion.prepared import frame_fields
 from jointstiff.service.live.campaign import Declaration, Entry, LiveCampaign
 from jointstiff.service.live.declaration import complete_targets_and_load_point
 from jointstiff.service.problems import LabelTakenError, NotFoundError
@@ -160,7 +160,7 @@ class OpenSets:
         fields = {name: getattr(declared.header, name) for name in MeasurementSetHeader.model_fields}
         return live.MeasurementSet(
             **fields,
-            **placed(declared.resolved),
+            **frame_fields(declared.resolved),
             warnings=list(declared.frame_findings),
             content_hash=None,
             id=set_id,

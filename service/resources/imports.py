@@ -23,9 +23,9 @@ from jointstiff.schemas.imports import (
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, Reading
 from jointstiff.schemas.robot import Body
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place
-from jointstiff.service.importing.grammar import Kind, Quantity, along_axis, joint_number
+from jointstiff.service.importing.grammar import Kind, Quantity, joint_number, split_along_target
 from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
-from jointstiff.service.importing.rows import Gathered
+from jointstiff.service.importing.rows import ObservationRecord
 from jointstiff.service.problems import FilesError, reword_fault
 from jointstiff.solver.errors import MeasurementError
 
@@ -306,7 +306,7 @@ def _build_measurement_set(
         raise ImportFileError(NOWHERE, reason, "check the limits of measurement sets") from error
 
 
-def _build_observation(one: Gathered, force: Vector3 | None) -> Observation:
+def _build_observation(one: ObservationRecord, force: Vector3 | None) -> Observation:
     """Return an observation from the values gathered in the files; `force` replaces a missing force."""
 
     def vector(kind: Kind) -> Vector3 | None:
@@ -323,14 +323,14 @@ def _build_observation(one: Gathered, force: Vector3 | None) -> Observation:
     )
 
 
-def _build_reading(one: Gathered, target: str) -> Reading:
+def _build_reading(one: ObservationRecord, target: str) -> Reading:
     """Return the reading of a target in an observation.
 
     Uncertainties of coordinates become covariances; uncertainties of points become one sigma for both states.
     """
     gauge = one.values.get(Quantity("along", target, "deflection"))
     if gauge is not None:
-        along = along_axis(target)[1]
+        along = split_along_target(target)[1]
         direction = tuple(float(axis == along) for axis in range(3))
         displacement = None if gauge.vector is None else gauge.vector[0]
         reading = {"target": target, "displacement": displacement, "direction": direction}

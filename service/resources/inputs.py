@@ -13,7 +13,12 @@ from uuid import uuid4
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.run import Run
-from jointstiff.service.conversion.prepared import PreparedRobot, PreparedSet, prepare_set, without
+from jointstiff.service.conversion.prepared import (
+    PreparedRobot,
+    PreparedSet,
+    leave_out_observations,
+    prepare_set,
+)
 from jointstiff.service.resources.known_robots import catalogue_robots
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.robot import Robot
@@ -126,7 +131,9 @@ class InMemoryInputs:
         document, robot, prepared = self._sets[set_id]
         if not leave_out:
             return prepared
-        kept = document.model_copy(update={"observations": without(document.observations, leave_out)})
+        kept = document.model_copy(
+            update={"observations": leave_out_observations(document.observations, leave_out)}
+        )
         return prepare_set(kept, robot, prepared.robot_id, catalogue_robots())
 
     def named_sets(self, set_ids: Sequence[str] | None, where: str) -> list[NamedSet]:

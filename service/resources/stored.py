@@ -26,15 +26,15 @@ from jointstiff.service.conversion.prepared import (
     PreparedSet,
     build_robot,
     check_set,
-    in_base,
-    placed,
+    frame_fields,
+    leave_out_observations,
     prepare_robot,
-    stated_transform,
+    read_stated_transform,
     to_base_targets,
-    to_resolved,
-    without,
+    to_resolved_frame,
+    transform_to_base,
 )
-from jointstiff.service.conversion.readings import ReadingArrays, has_loads, hash_of, to_measurements
+from jointstiff.service.conversion.readings import ReadingArrays, has_loads, hash_texts, to_measurements
 from jointstiff.service.conversion.robots import describe_joints
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.problems import NotFoundError, Resource
@@ -281,7 +281,7 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
         stored = messages.StoredMeasurementSet(
             **request.model_dump(exclude={"observations", "open"}),
             id=identifier or uuid4().hex,
-            **placed(resolved),
+            **frame_fields(resolved),
             warnings=checked.warnings,
             content_hash=checked.content_hash,
             created_at=datetime.now(UTC),
@@ -325,7 +325,7 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
         if not leave_out:
             return self.ready(set_id)
         stored = self.document(set_id)
-        kept = without(stored.observations, frozenset(leave_out))
+        kept = leave_out_observations(stored.observations, frozenset(leave_out))
         robot, robot_hash = self._robots.load(stored.robot_id)
         frame_warnings = [warning for warning in stored.warnings if warning.code in FRAME_CODES]
         return check_set(
@@ -349,7 +349,7 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
             robot_id=stored.robot_id,
             robot_hash=robot_hash,
             readings=readings,
-            measurements=to_measurements(*in_base(stored, readings, stored.resolved), robot),
+            measurements=to_measurements(*transform_to_base(stored, readings, stored.resolved), robot),
             warnings=stored.warnings,
             content_hash=record.content_hash,
         )
@@ -390,7 +390,7 @@ class Resources:
                 name=row.name,
                 robot_id=row.robot_id,
                 robot_name=row.robot_name,
-                content=hash_of(row.robot_hash, row.content_hash),
+                content=hash_texts(row.robot_hash, row.content_hash),
             )
             for row in map(found.__getitem__, chosen)
         ]
@@ -459,14 +459,14 @@ def resolve_frame(store: Store, request: MeasurementSetRequest) -> tuple[Resolve
         return None, []
     length = LENGTH[request.units.length]
     if frame.geometry_id is None:
-        return to_resolved(stated_transform(frame, length)), []
+        return to_resolved_frame(read_stated_transform(frame, length)), []
     geometry, result = load_succeeded_geometry(store, frame.geometry_id, "frame.geometry_id")
     transform = _to_rigid_motion(result.transform_tracker_to_base)
     warnings: list[Finding] = []
     if frame.base_targets is not None:
         drift, warnings = _estimate_drift(geometry.request, result, request, frame.base_targets)
         transform = transform * _to_rigid_motion(drift.transform_after_to_before)
-    return to_resolved(
+    return to_resolved_frame(
         transform, _targets_in_flange(store, frame, request.robot_id, geometry, result)
     ), warnings
 

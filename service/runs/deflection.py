@@ -18,9 +18,9 @@ from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.run import Run, RunResult
 from jointstiff.service.conversion.robots import (
     joint_factors,
-    kinds_of,
+    joint_kinds_by_name,
     refuse_far_point,
-    refuse_other_angles,
+    refuse_wrong_joint_count,
 )
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.runs.verdicts import (
@@ -110,7 +110,7 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
     labels = [case.label or str(i) for i, case in enumerate(request.cases, 1)]
     answers = case_results(deflections, bound, directions, confidence, labels, run_model.result.budget)
     return DeflectionResult(
-        joint_kinds=kinds_of(robot),
+        joint_kinds=joint_kinds_by_name(robot),
         assessment=assess_with_run(
             "prediction", _find_reasons(answers, cases, run_model.result), run_model.result.assessment
         ),
@@ -156,7 +156,7 @@ def convert_load_cases(request: DeflectionOptions, robot: Robot) -> LoadCases:
     points: list[Vector3] = []
     places: list[Vector3] = []
     for i, case in enumerate(request.cases):
-        refuse_other_angles(robot, case.joints, f"cases[{i}].joints")
+        refuse_wrong_joint_count(robot, case.joints, f"cases[{i}].joints")
         refuse_far_point(case.load_point, f"cases[{i}].load_point", length=length)
         refuse_far_point(case.place, f"cases[{i}].place", length=length)
         point = case.load_point or request.load_point

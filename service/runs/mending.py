@@ -14,7 +14,7 @@ from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, Observ
 from jointstiff.schemas.robot import JointMap
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.catalogue import find_arm, nominal_robot
-from jointstiff.service.conversion.prepared import prepare_robot, without
+from jointstiff.service.conversion.prepared import leave_out_observations, prepare_robot
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.solver.errors import RequestError
 
@@ -238,7 +238,7 @@ def _with_lengths(measured: _Set, old: float, new: float) -> _Set:
 
 _SET_CHANGES: Final[Mapping[str, Callable[[_Set, Action], _Set]]] = {
     "leave_out_readings": lambda measured, action: measured.model_copy(
-        update={"observations": without(measured.observations, action.observations)}
+        update={"observations": leave_out_observations(measured.observations, action.observations)}
     ),
     "omit_noise": _with_refuted_noise,
     "exchange_load_and_target": _with_target_exchanged,

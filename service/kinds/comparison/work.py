@@ -21,7 +21,7 @@ from jointstiff.schemas.comparison import Side as SideName
 from jointstiff.schemas.finding import Assessment, Finding, combine_assessments
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Run, RunRequest
-from jointstiff.service.conversion.readings import hash_of
+from jointstiff.service.conversion.readings import hash_texts
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs, MeasuredRun
 from jointstiff.service.runs.verdicts import assess_with_run, make_reason
@@ -81,7 +81,7 @@ def prepare_comparison(inputs: Inputs, request: ComparisonRequest) -> QuickWork:
     options = request.model_dump_json(exclude={"run_ids"})
     return QuickWork(
         result=partial(compare_runs, inputs, request, runs),
-        input_hash=hash_of(*(each.run.provenance.input_hash for each in runs), options),
+        input_hash=hash_texts(*(each.run.provenance.input_hash for each in runs), options),
         robot_id=runs[0].prepared.robot_id,
         details={"measurement_set_id": sets[0], "second_set_id": (*sets, None)[1]},
     )

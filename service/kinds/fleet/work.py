@@ -14,7 +14,7 @@ from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.fleet import MAX_SETS, FleetOutcome, FleetRequest, FleetResult, FleetRow
 from jointstiff.schemas.run import RunRequest, RunResult
 from jointstiff.service.conversion.prepared import PreparedSet
-from jointstiff.service.conversion.readings import hash_of
+from jointstiff.service.conversion.readings import hash_texts
 from jointstiff.service.kinds.fleet.kind import outcome_of_row
 from jointstiff.service.kinds.run.work import prepare_identification
 from jointstiff.service.kinds.work import (
@@ -59,7 +59,7 @@ class FleetWork(Work):
         sizes = {"joints": SETS_A_STEP, "automatic": _SETS_A_STEP_AUTOMATIC}
         size = sizes.get(run.elasticity, 1) if run.resampling is None else 1
         self._blocks = cut_into_spans(len(self._sets), size)
-        self.input_hash = hash_of(*(each.content for each in self._sets), run.model_dump_json())
+        self.input_hash = hash_texts(*(each.content for each in self._sets), run.model_dump_json())
         # A request without ids means all robots at this moment: the stored request lists the ids.
         found = [each.id for each in self._sets]
         self.details = {"request": request.model_copy(update={"measurement_set_ids": found})}

@@ -306,7 +306,7 @@ def compute(inputs: Inputs, request: GeometryRequest) -> Work:
     """
     from jointstiff.service.conversion.geometry import to_poses, to_sweeps
     from jointstiff.service.conversion.prepared import prepare_robot
-    from jointstiff.service.conversion.readings import hash_of
+    from jointstiff.service.conversion.readings import hash_texts
     from jointstiff.service.kinds.work import QuickWork, as_request_errors
 
     if request.poses is not None and not request.has_robot:
@@ -331,7 +331,7 @@ def compute(inputs: Inputs, request: GeometryRequest) -> Work:
     options = request.model_dump_json(exclude={"robot_id": True, "name": True, "robot": {"name"}})
     return QuickWork(
         result=lambda: _identify(request, readings, nominal),
-        input_hash=hash_of(robot_hash, options),
+        input_hash=hash_texts(robot_hash, options),
         robot_id=request.robot_id,
         details={"name": request.name},
     )

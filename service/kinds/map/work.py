@@ -11,8 +11,12 @@ import numpy as np
 from jointstiff.schemas.deflection import MAX_PLACES, MAX_POSES, MapOptions, MapRequest, MapResult
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.run import Run
-from jointstiff.service.conversion.readings import hash_of
-from jointstiff.service.conversion.robots import kinds_of, refuse_far_point, refuse_other_angles
+from jointstiff.service.conversion.readings import hash_texts
+from jointstiff.service.conversion.robots import (
+    joint_kinds_by_name,
+    refuse_far_point,
+    refuse_wrong_joint_count,
+)
 from jointstiff.service.kinds.work import Arrays, Span, Work, concatenate_steps, cut_into_spans
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import (
@@ -61,7 +65,7 @@ class MapWork(Work):
         self.robot_id = robot_id
         self.robot, self.request = robot, request
         options = request.model_dump_json(exclude={"run_id", "name"})
-        self.input_hash = hash_of(run.provenance.input_hash, options)
+        self.input_hash = hash_texts(run.provenance.input_hash, options)
         self._run_model = RunModel.from_run(robot, run, absolute=request.absolute)
         self._task, self.places = make_map_task(request, robot), make_grid(request)
         try:
@@ -96,7 +100,7 @@ class MapWork(Work):
         numbers = map_numbers(table, self.places, tool)
         return MapResult(
             assessment=assess_with_run("map", self._reasons(numbers), used.result.assessment),
-            joint_kinds=kinds_of(self.robot),
+            joint_kinds=joint_kinds_by_name(self.robot),
             model_error_postures=used.postures,
             remarks=used.remarks(self.request.confidence),
             **numbers,
@@ -223,7 +227,7 @@ def make_map_task(request: MapOptions, robot: Robot) -> MapTask:
             )
         limits[robot.joint_index(name, f"limits.{name}")] = least, greatest
     if request.near is not None:
-        refuse_other_angles(robot, request.near, "near")
+        refuse_wrong_joint_count(robot, request.near, "near")
     rotation = tool_rotations(
         _unit_vector(request.tool_axis, "tool_axis"),
         np.array([_unit_vector(each, f"directions[{i}]") for i, each in enumerate(request.directions)]),

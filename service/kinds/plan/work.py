@@ -15,8 +15,12 @@ from jointstiff.schemas.measurement import LEAST_DIRECTION
 from jointstiff.schemas.options import OwnWeight, RunOptions
 from jointstiff.schemas.plan import DecisionGoal, PlanResult
 from jointstiff.service.conversion.prepared import PreparedSet
-from jointstiff.service.conversion.readings import hash_of
-from jointstiff.service.conversion.robots import kinds_of, refuse_far_point, refuse_other_angles
+from jointstiff.service.conversion.readings import hash_texts
+from jointstiff.service.conversion.robots import (
+    joint_kinds_by_name,
+    refuse_far_point,
+    refuse_wrong_joint_count,
+)
 from jointstiff.service.conversion.units import to_instrument
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs
@@ -92,7 +96,7 @@ def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
     options = request.model_dump_json(exclude={"robot_id", "measurement_set_id"})
     return QuickWork(
         result=partial(_compute_plan, planned, request),
-        input_hash=hash_of(planned.content, options),
+        input_hash=hash_texts(planned.content, options),
         robot_id=planned.robot_id,
     )
 
@@ -310,7 +314,7 @@ def to_plan_result(
         efficiencies=dict(plan.efficiencies),
         goal_share=plan.goal_share,
         assessment=assessment,
-        joint_kinds=kinds_of(robot),
+        joint_kinds=joint_kinds_by_name(robot),
         readings=rows(
             plans.PlannedReading,
             label=[f"{'v' if held else 'p'}{i:0{digits}d}" for i, held in enumerate(plan.validation, 1)],
@@ -453,5 +457,5 @@ def _candidate_postures(request: plans.PlanRequest, robot: Robot) -> FloatArray 
     if not request.postures:
         return None
     for i, posture in enumerate(request.postures):
-        refuse_other_angles(robot, posture, f"postures[{i}]")
+        refuse_wrong_joint_count(robot, posture, f"postures[{i}]")
     return np.array(request.postures)

@@ -11,12 +11,12 @@ from typing import Final, Literal
 import numpy as np
 
 from jointstiff.schemas.program import MAX_LINE, ProcessLoad, ProgramFrame, ProgramOptions
-from jointstiff.service.conversion.robots import joint_factors, refuse_far_point, refuse_other_angles
+from jointstiff.service.conversion.robots import joint_factors, refuse_far_point, refuse_wrong_joint_count
 from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.service.kinds.work import as_request_errors
 from jointstiff.service.problems import FilesError
-from jointstiff.service.programs.errors import Fault, ProgramError, shown
-from jointstiff.service.programs.formats import frame_notation
+from jointstiff.service.programs.errors import Fault, ProgramError, quote_text
+from jointstiff.service.programs.formats import choose_frame_notation
 from jointstiff.service.programs.notation import Edit, Notation, Orientation
 from jointstiff.service.programs.program import BLOCK, NUMBERS, FrameName, Program
 from jointstiff.service.runs.deflection import parse_vector_header
@@ -70,7 +70,7 @@ class ProgramFrames:
             RequestError: a frame has no numbers, has two sets of numbers, or is not in the program; or its
                 numbers do not form a pose.
         """
-        notation, targets = frame_notation(program), program.targets
+        notation, targets = choose_frame_notation(program), program.targets
         world = _stated_pose(notation, options.world, "world")
         flange = _stated_pose(notation, options.flange, "flange")
         # A target in joint angles needs its base only for a load along the axes of the base.
@@ -208,13 +208,13 @@ def _find_target_frames(
             used.add(key := _find_stated_frame(frame, given, where))
             poses[place] = outer @ given[key]
         elif _fold_name(frame.name) in given:
-            reason = f"the program itself defines the numbers of the frame {shown(frame.name)}"
+            reason = f"the program itself defines the numbers of the frame {quote_text(frame.name)}"
             raise RequestError(reason, where=where, remedy="omit this frame")
         else:
             poses[place] = outer @ frame.pose
     for name in (frame.name for frame in stated if _fold_name(frame.name) not in used):  # it may be misspelt
         all_known = "a frame without name is not used, because every frame of the program has numbers"
-        reason = all_known if name is None else f"the program does not use the frame {shown(name)}"
+        reason = all_known if name is None else f"the program does not use the frame {quote_text(name)}"
         raise RequestError(reason, where=where, remedy="omit this frame, or correct its name")
     return _Frames(poses, chosen)
 
@@ -229,7 +229,7 @@ def _find_stated_frame(frame: FrameName, given: Mapping[str | None, FloatArray],
         if key in given:
             return key
     raise RequestError(
-        f"the program uses the frame {shown(frame.name)}, but does not define its numbers",
+        f"the program uses the frame {quote_text(frame.name)}, but does not define its numbers",
         where=where,
         remedy=f"give the numbers: {{'name': {frame.name!r}, 'values': [...]}}",
     )
@@ -244,7 +244,7 @@ def _stated_pose(notation: Notation, values: Sequence[float] | None, where: str)
     """Return the pose (4, 4) [m] from a frame's numbers in the request; the identity if `values` is None."""
     if values is None:
         return np.eye(4)
-    if len(values) != 3 + notation.count or not notation.states(np.array(values)):
+    if len(values) != 3 + notation.count or not notation.is_valid_orientation(np.array(values)):
         raise RequestError(
             f"a frame needs {3 + notation.count} numbers that form a pose",
             where=where,
@@ -645,7 +645,7 @@ def _refuse_targets(program: Program, targets: IndexArray, reason: str, remedy: 
 def _make_fault(program: Program, target: int, reason: str, remedy: str) -> Fault:
     """Return a fault at a target, given by index, with the target's file, line and name."""
     targets = program.targets
-    name = f"{shown(targets.names[target])}: " if targets.names[target] else ""
+    name = f"{quote_text(targets.names[target])}: " if targets.names[target] else ""
     return Fault(
         program.sources[targets.source[target]].name, int(targets.line[target]), name + reason, remedy
     )
@@ -696,7 +696,7 @@ def start_joints(options: ProgramOptions, robot: Robot) -> FloatArray | None:
     """
     if options.start is None:
         return None
-    refuse_other_angles(robot, options.start, "start")
+    refuse_wrong_joint_count(robot, options.start, "start")
     return np.asarray(joint_factors(robot, options.units) * np.array(options.start))
 
 

@@ -27,8 +27,8 @@ from jointstiff.schemas.program import (
     Spread,
 )
 from jointstiff.schemas.run import Run
-from jointstiff.service.conversion.readings import hash_of
-from jointstiff.service.conversion.robots import kinds_of
+from jointstiff.service.conversion.readings import hash_texts
+from jointstiff.service.conversion.robots import joint_kinds_by_name
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.service.kinds.program.path import ProgramPath, Visits, find_path, start_joints
 from jointstiff.service.kinds.work import (
@@ -41,7 +41,7 @@ from jointstiff.service.kinds.work import (
 )
 from jointstiff.service.problems import VerdictError
 from jointstiff.service.programs.errors import ProgramError
-from jointstiff.service.programs.formats import marked, read_program
+from jointstiff.service.programs.formats import insert_mark, read_program
 from jointstiff.service.programs.program import BLOCK, NUMBERS, ExternalAxes, Rewriting
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import (
@@ -377,7 +377,7 @@ class ProgramWork(Work):
         self.robot_id, self._request = robot_id, request
         options = request.model_dump_json(exclude={"run_id", "files"})
         contents = [each.content or "" for each in request.files]
-        self.input_hash = hash_of(run.provenance.input_hash, options, *contents)
+        self.input_hash = hash_texts(run.provenance.input_hash, options, *contents)
         with as_request_errors():
             length = LENGTH[request.units.length]
             self._run_model = RunModel.from_run(
@@ -480,7 +480,7 @@ class ProgramWork(Work):
         )
         if (self._request.mark or assessment.verdict == "do_not_use" or left) and points.changed.any():
             counts = datetime.now(UTC).date(), len(program.moves) + left, left
-            contents[0] = marked(
+            contents[0] = insert_mark(
                 program.format, contents[0], self._run_model.run.id, assessment.verdict, *counts
             )
         files = [compress_file(source.name, contents.pop(0)) for source in program.sources]
@@ -556,7 +556,7 @@ class ProgramWork(Work):
             for vectors in (corrections.uncorrected, corrections.correction, points.residual)
         )
         return ProgramResult(
-            joint_kinds=kinds_of(self._run_model.model.robot),
+            joint_kinds=joint_kinds_by_name(self._run_model.model.robot),
             assessment=assessment,
             format=kind,
             points=len(program.targets),

@@ -148,8 +148,8 @@ HOSTILE = {
     "almost boundaries": (
         HEAD + b"\r\n--Xy" * 1_000_000 + b"\r\n--XyZ--",
         "422 invalid-file | a.csv | "
-        "the files have more than 400000 lines together, empty ones and comments too | "
-        "remove those, or import fewer files at once",
+        "the files have more than 400000 lines together, including empty lines and comments | "
+        "remove empty lines and comments, or import fewer files at once",
     ),
     "a megabyte of headers": (HEAD[:-2] + b"X-A: b\r\n" * 150_000 + b"\r\n1\r\n--XyZ--", BROKEN),
     "one long header": (HEAD.replace(b"a.csv", b"a" * 1_000_000) + b"1\r\n--XyZ--", BROKEN),

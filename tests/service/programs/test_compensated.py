@@ -229,7 +229,7 @@ def test_patterns_find_what_plain_ones_find(name):
         spans = [match.span() for match in found]
         assert spans == [match.span() for match in re.finditer(plain, text)]
         if name in FORMATS:
-            numerals = Numerals.of(text, FORMATS[name].number)
+            numerals = Numerals.from_text(text, FORMATS[name].number)
             assert [*zip(numerals.starts.tolist(), numerals.ends.tolist(), strict=True)] == spans
             words = (text[start:end] for start, end in spans)
             assert numerals.values.tolist() == [int(t[2:-1], 2) if t[0] == "'" else float(t) for t in words]

@@ -171,7 +171,7 @@ def test_columns_of_a_table_have_one_unit_for_each_quantity(units):
     text = f"# a remark\n{header}\n1;2;3;4;5;6\n"
     if units in OTHERS:
         fault = refusal("a.csv", text).faults[0]
-        assert (fault.line, "different ones" in fault.reason) == (2, True)
+        assert (fault.line, "different units" in fault.reason) == (2, True)
         return
     (one,) = read_program([("a.csv", text.encode("latin-1"))]).targets.notations
     found = one.length, one.angle, one.length_decimals, one.angle_decimals
