@@ -108,7 +108,7 @@ class Assessment:
     notes: tuple[str, ...] = ()  #: checks that the readings do not allow, in words
     remarks: tuple[Finding, ...] = ()  #: of the weight "use", for information
 
-    def supported(self, prediction: Prediction) -> Prediction:
+    def drop_meaningless_numbers(self, prediction: Prediction) -> Prediction:
         """Return a prediction without the numbers that mean nothing for this assessment.
 
         After an exact fit, or a mistake in the data, there is no compensation and no contribution of joints;
@@ -130,7 +130,7 @@ def assess(
 
     Args:
         joints: identification by joints alone, with measurements and findings of their integrity checks.
-        estimate: estimate to be assessed, by joints alone or by a model with links or base.
+        estimate: estimate to be derive_assessment, by joints alone or by a model with links or base.
         prediction: prediction of the same measurements by the estimate.
         screening: tests for other causes of the deflections, with the cross-validation if models were
             compared; None without tests.
@@ -144,7 +144,7 @@ def assess(
         for group in roots:  # findings of one code become one reason, but each fitting robot stays a choice
             choices = group[0].code == "another_robot_fits"
             reasons += group if choices else [_summarise_findings(group, group[0].action)]
-        return replace(assessed(estimate.joints, reasons), notes=notes)
+        return replace(derive_assessment(estimate.joints, reasons), notes=notes)
     better = joints.find_gross_mistake(estimate)
     if better is not None:
         findings = [finding for finding in findings if finding.code not in _SAME_MISTAKES]
@@ -171,7 +171,7 @@ def assess(
             measurements, estimate, prediction, screening, explained=gross or better is not None
         ),
     )
-    return replace(assessed(estimate.joints, found), notes=notes)
+    return replace(derive_assessment(estimate.joints, found), notes=notes)
 
 
 def _list_notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]:
@@ -185,13 +185,13 @@ def _list_notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]
             f"{deflection}. If N and kgf are confused, every stiffness is wrong by {kgf:.3g}, and no "
             "reading shows it."
         )
-    if estimate.common is not None and estimate.common.of("assumed_load_point").any():
+    if estimate.common is not None and estimate.common.responses_to("assumed_load_point").any():
         yield (
             f"Load point: ±{1e3 * ASSUMED_LOAD_POINT:g} mm assumed. Measure where the force acts on the "
             "flange, and enter its uncertainty (`noise.load_point`; on the page: Advanced, Uncertainty of "
             "the load point)."
         )
-    if estimate.common is not None and estimate.common.of("assumed_force_scale").any():
+    if estimate.common is not None and estimate.common.responses_to("assumed_force_scale").any():
         yield (
             f"Forces: ±{100 * ASSUMED_FORCE_SCALE:g} % assumed. Enter the uncertainty of the load cell or of "
             "the weight (`noise.force.scale`; on the page: Advanced, Scale of the force)."
@@ -203,7 +203,7 @@ def _list_notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]
         )
 
 
-def assessed(joints: Sequence[JointCompliance], findings: Iterable[Finding]) -> Assessment:
+def derive_assessment(joints: Sequence[JointCompliance], findings: Iterable[Finding]) -> Assessment:
     """Return the assessment that follows from the joints' statuses and from findings, most severe first."""
     ordered = tuple(sorted(findings, key=lambda finding: -_ORDER[finding.weight]))
     names = {joint.name for joint in joints}
@@ -303,7 +303,10 @@ def report_causes(causes: Sequence[Cause], estimate: Estimate) -> Finding:
         harmful = change > HARMFUL
         if cause.suspect.name == "load_point" and estimate.common is not None:
             # Changes that the intervals already cover do no harm.
-            sources = [estimate.common.of("assumed_load_point"), estimate.common.of("load_point")]
+            sources = [
+                estimate.common.responses_to("assumed_load_point"),
+                estimate.common.responses_to("load_point"),
+            ]
             covered = np.linalg.norm(np.hstack(sources)[known], axis=1)
             harmful &= change * estimate.compliance[known] > COVERED * covered
         changes.append(float(change.max(initial=0.0)))
@@ -481,11 +484,11 @@ def find_fit_problems(
             "move as the joints of this one would move them"
         )
         # If the negated deflections fit, unloaded and loaded readings, or all forces, are reversed.
-        d = estimate.triangles.judged.rhs
+        d = estimate.triangles.all_readings.rhs
         if solve_nonnegative(estimate.regressor, -d)[1] < (1.0 - UNUSABLE_SHARE) * np.linalg.norm(d):
             remedy = "exchange unloaded and loaded readings, or change the sign of every force"
             action = Action.of("exchange_readings")
-    yield from unidentified(statuses, remedy, action)
+    yield from report_no_identified_joint(statuses, remedy, action)
     yield from _report_freedom(measurements, estimate)
     postures: list[FloatArray] = []
     for joints in measurements.joints:
@@ -507,11 +510,13 @@ def find_fit_problems(
             measurements, estimate, joints_alone=prediction.contributions is not None
         )
         yield from _report_unexplained(measurements, estimate, prediction)
-    yield from find_implausible_results(estimate)
+    yield from report_implausible_results(estimate)
     yield from _report_links(prediction, screening)
 
 
-def unidentified(statuses: Sequence[str], remedy: str, action: Action | None = None) -> Iterator[Finding]:
+def report_no_identified_joint(
+    statuses: Sequence[str], remedy: str, action: Action | None = None
+) -> Iterator[Finding]:
     """Yield a finding if no joint has the status `identified`.
 
     Args:
@@ -570,7 +575,7 @@ def _report_freedom(measurements: Measurements, estimate: Estimate) -> Iterator[
         )
 
 
-def refuted_noise(measurements: Measurements, sigma: float | None) -> Iterator[Finding]:
+def report_refuted_noise(measurements: Measurements, sigma: float | None) -> Iterator[Finding]:
     """Yield a finding if the stated noise was refuted and sigma [m] comes from the residuals instead.
 
     Such a sigma counts deflections that the model does not explain as noise.
@@ -592,7 +597,7 @@ def _report_residuals(
 ) -> Iterator[Finding]:
     """Yield a finding if the residuals are larger or smaller than the stated sigma predicts."""
     test = estimate.sigma_test
-    yield from refuted_noise(measurements, estimate.sigma)
+    yield from report_refuted_noise(measurements, estimate.sigma)
     ratio = float(np.sqrt(estimate.chi_square / max(estimate.degrees_of_freedom, _LEAST_FREEDOM)))
     if test is None or test.result == "consistent" or abs(ratio - 1.0) < WORTH_A_WARNING:
         return
@@ -639,7 +644,7 @@ def _report_unexplained(
     )
 
 
-def find_implausible_results(estimate: Estimate) -> Iterator[Finding]:
+def report_implausible_results(estimate: Estimate) -> Iterator[Finding]:
     """Yield findings on implausible results: dominant priors, odd stiffnesses, and a neglected K_c."""
     for joint in estimate.joints:
         ratio = joint.prior_to_data
@@ -657,12 +662,12 @@ def find_implausible_results(estimate: Estimate) -> Iterator[Finding]:
                 "what was measured",
                 where=joint.name,
             )
-    yield from implausible_joints(estimate.joints)
+    yield from report_implausible_joints(estimate.joints)
     if estimate.complementary_stiffness is not None:
         yield from _report_complementary_stiffness(estimate.complementary_stiffness)
 
 
-def implausible_joints(joints: Sequence[JointCompliance]) -> Iterator[Finding]:
+def report_implausible_joints(joints: Sequence[JointCompliance]) -> Iterator[Finding]:
     """Yield a finding for each identified stiffness outside the range of industrial robots."""
     identified = {
         joint.name: 1.0 / joint.compliance if joint.compliance else np.inf

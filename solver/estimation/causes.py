@@ -43,7 +43,7 @@ from jointstiff.solver.estimation.triangle import (
     orthonormal_basis,
     solve_nonnegative,
     stack_padded,
-    triangle_of,
+    compute_triangular_factor,
 )
 from jointstiff.solver.mechanics.block import (
     CorrectedMeasurements,
@@ -145,8 +145,8 @@ class Screening:
     base_p_value: float = 1.0  #: p-value of the test of a base added to the joints
     #: p-value of links added to joints and base, then of a base added to joints and links; 1 if the test of
     #: the base alone is not significant
-    links_beside_base: float = 1.0
-    base_beside_links: float = 1.0
+    links_p_value_with_base: float = 1.0
+    base_p_value_with_links: float = 1.0
     comparable: bool = True  #: whether the options allow a comparison of joints alone with elastic links
 
     @property
@@ -160,15 +160,15 @@ class Screening:
         significant, gain = self.links_p_value < MISTAKE_LEVEL, self.gain
         if gain is not None:
             significant = gain.error_of_joints - gain.error > CLEAR_GAIN * gain.standard_error
-        return self.links_speak and significant
+        return self.links_need_validation and significant
 
     @property
-    def links_speak(self) -> bool:
+    def links_need_validation(self) -> bool:
         """True if models with links should be cross-validated: significant, and not explained by a cause."""
         return self.links_p_value < LINKS_LEVEL and not self.makes_links_unnecessary
 
     @property
-    def base_speaks(self) -> bool:
+    def base_needs_validation(self) -> bool:
         """True if a bending base should be cross-validated: significant, and not explained by a cause."""
         return self.base_p_value < MISTAKE_LEVEL and not self.makes_links_unnecessary
 
@@ -214,8 +214,8 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
         listed,
         named,
         base_p_value=base,
-        links_beside_base=with_base.links_p_value(FULL_BASE.name),
-        base_beside_links=triangles.p_values([DIAGONAL_BASE.name], DIAGONAL_LINKS.name)[0],
+        links_p_value_with_base=with_base.links_p_value(FULL_BASE.name),
+        base_p_value_with_links=triangles.p_values([DIAGONAL_BASE.name], DIAGONAL_LINKS.name)[0],
     )
 
 
@@ -254,7 +254,7 @@ def _subtract_named_causes(
     """
     part = measurements.evenly(_TESTED)
     block = next(regressor_blocks(robot, part))
-    rows = Stack.of([block], [JOINTS], np.zeros(robot.n)).flat
+    rows = Stack.from_blocks([block], [JOINTS], np.zeros(robot.n)).flat
     compliance, _ = solve_nonnegative(rows[:, :-1], rows[:, -1])
     # A turn includes a shift: from the same observation on only one of the two is fitted.
     named = [(name, first) for name, first in named if name != "shift" or ("turn", first) not in named]
@@ -405,7 +405,7 @@ def _list_suspects(
         found += [Suspect(t.name, since(t, labels, first), first) for t in later.values() for first in known]
     else:
         terms = [*(each.term for each in found), FORCE_SCALE]
-        stack = Stack.of([block], [JOINTS, *before, *terms], compliance)
+        stack = Stack.from_blocks([block], [JOINTS, *before, *terms], compliance)
         fits = _OnsetFits(stack, [term.name for term in terms], [term.name for term in (JOINTS, *before)])
         least = fits.p_values_without_best_observation(np.zeros(len(terms), np.intp))
         found = [replace(each, least_p=p) for each, p in zip(found, least.tolist(), strict=False)]
@@ -529,7 +529,7 @@ class _Triangles:
 
     def _compress_rows(self, weigh: Callable[..., Rows]) -> Triangle:
         """Return the triangle of all terms, with rows built by `weigh`."""
-        triangle = Stack.of([self._block], self._terms, self.compliance, weigh).triangle()
+        triangle = Stack.from_blocks([self._block], self._terms, self.compliance, weigh).triangle()
         triangle.span[JOINTS.name] = np.flatnonzero(self._seen)
         return triangle
 
@@ -758,12 +758,12 @@ def _build_rows(robot: Robot, given: Measurements, alternatives: Sequence[Altern
     block = unloaded_block(
         robot, postures, replace(stacked, joints=joints, load_point=load_point, position=position)
     )
-    return Stack.of([block], [JOINTS], np.zeros(robot.n)).rows.reshape(times, -1, robot.n + 1)
+    return Stack.from_blocks([block], [JOINTS], np.zeros(robot.n)).rows.reshape(times, -1, robot.n + 1)
 
 
 def _bound_residual_sums(rows: FloatArray) -> FloatArray:
     """Return lower limits (K,) of the residual sums for rows (K, R, n + 1) [A d]: fits without bounds."""
-    return np.square(triangle_of(rows)[:, -1, -1])
+    return np.square(compute_triangular_factor(rows)[:, -1, -1])
 
 
 def _fit_nonnegative_compliances(rows: FloatArray) -> tuple[float, float]:

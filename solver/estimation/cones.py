@@ -14,7 +14,7 @@ from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.mechanics.springs import entries, weights
 
 
-def diagonal(size: int) -> IndexArray:
+def find_diagonal_entries(size: int) -> IndexArray:
     """Return the indices (size,) of a matrix's diagonal entries in the vector of its upper triangle."""
     rows, columns = entries(size)
     return np.flatnonzero(rows == columns)
@@ -35,7 +35,7 @@ def to_vector(matrix: FloatArray) -> FloatArray:
     return np.asarray(matrix[..., rows, columns] * weights(size))
 
 
-def raised(vector: FloatArray, size: int) -> FloatArray:
+def lift_diagonal(vector: FloatArray, size: int) -> FloatArray:
     """Return a block whose diagonal is increased until no computed eigenvalue is negative.
 
     The increase only removes rounding: a few parts in 10¹⁶ of the greatest eigenvalue.
@@ -48,7 +48,7 @@ def raised(vector: FloatArray, size: int) -> FloatArray:
     raised_vector = vector
     while np.linalg.eigvalsh(to_matrix(raised_vector, size)).min() < 0.0:
         raised_vector = vector.copy()
-        raised_vector[diagonal(size)] += lift
+        raised_vector[find_diagonal_entries(size)] += lift
         lift *= 2.0
     return raised_vector
 
@@ -79,7 +79,7 @@ class Cone:
             yield size, slice(start, stop)
             start = stop
 
-    def least(self, x: FloatArray) -> float:
+    def least_value(self, x: FloatArray) -> float:
         """Return the least of all scalars and all eigenvalues of the blocks of x (p,); inf if p = 0."""
         values = [
             x[: self.nonnegative],
@@ -93,7 +93,7 @@ class Cone:
         for size, place in self.blocks():
             eigenvalues, vectors = np.linalg.eigh(to_matrix(x[place], size))
             kept = np.maximum(eigenvalues, 0.0)
-            out[place] = raised(to_vector((vectors * kept) @ vectors.T), size)
+            out[place] = lift_diagonal(to_vector((vectors * kept) @ vectors.T), size)
         return out
 
     def penalty(self, weight: float) -> FloatArray:
@@ -101,7 +101,7 @@ class Cone:
         out = np.zeros(self.dimension)
         out[self.free : self.nonnegative] = weight
         for size, place in self.blocks():
-            out[place][diagonal(size)] = weight
+            out[place][find_diagonal_entries(size)] = weight
         return out
 
 
@@ -109,7 +109,7 @@ class Cone:
 class Block:
     """Layout of one joint's unknowns: compliance c, then ζ limited by a box, then ν (3,) in each ball.
 
-    `conic.Cones` states the limits of ζ and ν.
+    `conic.MassCones` states the limits of ζ and ν.
     """
 
     boxes: int  #: number of ζ

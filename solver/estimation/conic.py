@@ -6,7 +6,7 @@ Semidefinite programs with a penalty on traces (method.md §7), of two losses:
     minimise Σ_i ρ(‖A_i x − d_i‖) + pᵀx     for the blocks that follow, p = λ on traces and some scalars
 
 ρ(u) is u²/(2h) up to h and u − h/2 beyond; h = 0 leaves the sum of the norms. Then least squares over cones
-of products c η of a compliance with unknowns in a box (method.md §14), see `Cones`.
+of products c η of a compliance with unknowns in a box (method.md §14), see `MassCones`.
 
 Whatever led to an answer, it is made feasible exactly, and so is a point of the dual that its residual or
 Clarabel tells; the gap between the two is computed without cancellation, and only an answer whose gap is
@@ -27,13 +27,13 @@ from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation.cones import Block, Cone, to_matrix, to_vector
 from jointstiff.solver.estimation.solution import Certificate
-from jointstiff.solver.estimation.triangle import triangle_of
+from jointstiff.solver.estimation.triangle import compute_triangular_factor
 
 if TYPE_CHECKING:
     from jointstiff.solver.estimation.convex import Program  # takes a second to import
 
 GAP: Final = 1e-8
-"""Greatest excess of the loss over its optimum, with ‖b‖ = 1, that `solve_weighed` accepts."""
+"""Greatest excess of the loss over its optimum, with ‖b‖ = 1, that `solve_mass_cones` accepts."""
 _CONE_LADDER: Final = (1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 """Tolerances of Clarabel, tried in this order: not every problem can be solved to the tightest."""
 _NORMS_TOLERANCES: Final = (1e-7, 1e-8, 1e-9, 1e-10)
@@ -61,7 +61,7 @@ _UNSEEN: Final = 1e-10
 _OPEN: Final = 1e-6
 """Share of a function outside the span of the readings that is rounding."""
 _LEAST_RADIUS: Final = 1e-6
-"""Radius of the ball of `weighed_ends`, relative to ‖b‖, below which Clarabel's rounding shows: exact
+"""Radius of the ball of `bound_compliances`, relative to ‖b‖, below which Clarabel's rounding shows: exact
 readings."""
 
 
@@ -81,7 +81,7 @@ class LeastSquares:
     def compressed(self) -> tuple[FloatArray, FloatArray]:
         """Triangle T (k, p) and readings y (k,): ‖T x − y‖² equals ‖R x − z‖² up to a constant."""
         p = self.R.shape[1]
-        both = triangle_of(np.column_stack([self.R, self.z]))
+        both = compute_triangular_factor(np.column_stack([self.R, self.z]))
         return both[:p, :p], both[:p, p]
 
 
@@ -253,7 +253,7 @@ def certify_cone(program: SemidefiniteProgram, x: FloatArray) -> Certificate:
     nu, outside, slack = _make_dual_feasible(program.cone, program.weight, fit.R, 2.0 * residual)
     excess = _compute_complementarity(slack, x, program.cone, _SLACK_ROUNDING)
     gap = float(np.sqrt(np.square(0.5 * nu - residual).sum() + excess))
-    return Certificate(max(0.0, -program.cone.least(x)), outside, gap, nu, "clarabel")
+    return Certificate(max(0.0, -program.cone.least_value(x)), outside, gap, nu, "clarabel")
 
 
 def certify_robust(program: RobustProgram, x: FloatArray, dual: FloatArray) -> Certificate:
@@ -281,7 +281,7 @@ def certify_robust(program: RobustProgram, x: FloatArray, dual: FloatArray) -> C
     inner = np.square(r - h * nu).sum(axis=1) / (2.0 * h) if h > 0.0 else np.zeros(len(r))
     excess = _compute_complementarity(slack, x, loss.cone, _NORMS_SLACK_ROUNDING)
     gap = float(np.where(beyond, outer, inner).sum() + excess)
-    return Certificate(max(0.0, -loss.cone.least(x)), outside, gap, nu, "clarabel")
+    return Certificate(max(0.0, -loss.cone.least_value(x)), outside, gap, nu, "clarabel")
 
 
 def _make_dual_feasible(
@@ -328,7 +328,7 @@ def _compute_complementarity(slack: FloatArray, x: FloatArray, cone: Cone, round
     return max(0.0, float(slack @ x))
 
 
-def penalised_range(
+def compute_penalised_range(
     program: SemidefiniteProgram, x: FloatArray, rise: float, functions: FloatArray
 ) -> FloatArray:
     """Return the ranges of linear functions over all points whose objective is near its optimum.
@@ -358,7 +358,7 @@ def penalised_range(
     return ends
 
 
-def range_of_squares(squares: LeastSquares, functions: FloatArray, radius: float) -> FloatArray:
+def compute_unconstrained_range(squares: LeastSquares, functions: FloatArray, radius: float) -> FloatArray:
     """Return the ranges of linear functions over all x with ``‖R x − z‖² ≤ min + radius²``, without a cone.
 
     Args:
@@ -489,7 +489,7 @@ class Face:
         return out if np.isfinite(out).all() and (out[self.free] >= 0.0).all() else None
 
 
-def effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> FloatArray:
+def compute_effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> FloatArray:
     """Return the effective number of parameters: the divergence of the fitted readings (Stein 1981).
 
     ``Σ_k ∂(R x)_k / ∂z_k = tr(H⁻¹ 2 RᵀR)`` on the face of the optimum, H with the bend of the penalty.
@@ -511,7 +511,7 @@ def effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Cones:
+class MassCones:
     """Cones of products c η of a compliance with unknowns in a box, one block for each joint.
 
     Unknowns π in a box and in balls, each multiplied by its joint's own c ≥ 0, lie in a convex cone: the
@@ -529,7 +529,7 @@ class Cones:
         sizes = [block.size for block in self.blocks]
         return np.cumsum([0, *sizes[:-1]])
 
-    def least(self, s: FloatArray) -> float:
+    def minimise_linear_function(self, s: FloatArray) -> float:
         """Return the least value of sᵀx over the set, zero or negative, in closed form.
 
         For each block the least value is ``cap · min(0, s_c − h(s))``, h the support function of the block's
@@ -546,7 +546,7 @@ class Cones:
             total += cap * min(0.0, float(s[start] - np.abs(zeta).sum() - pulls.sum()))
         return total
 
-    def projected(self, x: FloatArray) -> FloatArray:
+    def move_into_set(self, x: FloatArray) -> FloatArray:
         """Return a point of the set near x: entries outside the limits are moved to them, block by block."""
         x = x.copy()
         for start, block, cap in zip(self.first.tolist(), self.blocks, self.cap.tolist(), strict=True):
@@ -561,13 +561,13 @@ class Cones:
 
 
 @dataclass(frozen=True, eq=False)
-class Weighed(ConeSolution):
-    """Optimum of `solve_weighed`; the certificate's gap bounds the excess of the loss, with ‖b‖ = 1."""
+class MassConeSolution(ConeSolution):
+    """Optimum of `solve_mass_cones`; the certificate's gap bounds the excess of the loss, with ‖b‖ = 1."""
 
     loss: float  #: ‖A x − b‖² at the optimum
 
 
-def solve_weighed(A: FloatArray, b: FloatArray, cones: Cones) -> Weighed:
+def solve_mass_cones(A: FloatArray, b: FloatArray, cones: Cones) -> MassConeSolution:
     """Solve ``minimise ‖A x − b‖²`` over cones of masses and moments by Clarabel, and certify the optimum.
 
     For any x and y: ``‖A y − b‖² ≥ ‖A x − b‖² + 2 gᵀ(y − x)`` with g = Aᵀ(A x − b), so that the excess is at
@@ -584,25 +584,27 @@ def solve_weighed(A: FloatArray, b: FloatArray, cones: Cones) -> Weighed:
     from jointstiff.solver.estimation import convex  # takes a second to import
 
     size = float(np.linalg.norm(b)) or 1.0
-    program = convex.state_weighed(len(b), cones.blocks)
+    program = convex.state_mass_cones(len(b), cones.blocks)
 
-    def propose_solutions() -> Iterator[Weighed]:
+    def propose_solutions() -> Iterator[MassConeSolution]:
         """Yield points with their certificates, tolerance by tolerance."""
         for tolerance in _WEIGHED_TOLERANCES:
             point = program.solve({"A": A, "b": b / size, "cap": cones.cap / size}, tolerance)
             if point is not None:
-                x = cones.projected(size * point)
+                x = cones.move_into_set(size * point)
                 residual = A @ x - b
                 gradient = A.T @ residual
-                outside = -2.0 * cones.least(gradient) / size**2
+                outside = -2.0 * cones.minimise_linear_function(gradient) / size**2
                 gap = outside + 2.0 * float(gradient @ x) / size**2
                 evidence = Certificate(0.0, outside, gap, residual / size, "clarabel")
-                yield Weighed(x, evidence, float(residual @ residual))
+                yield MassConeSolution(x, evidence, float(residual @ residual))
 
     return _select_certified(propose_solutions(), GAP, None)
 
 
-def weighed_ends(A: FloatArray, b: FloatArray, optimum: Weighed, rise: float, cones: Cones) -> FloatArray:
+def bound_compliances(
+    A: FloatArray, b: FloatArray, optimum: MassConeSolution, rise: float, cones: Cones
+) -> FloatArray:
     """Return bounds of each block's c over all points of the set with ``‖A x − b‖² ≤ loss + rise``.
 
     For any u: ``aᵀy ≥ uᵀb − ‖u‖ + min (a − Aᵀu)ᵀy`` for all y with ‖A y − b‖ ≤ 1. A second round uses the
@@ -611,7 +613,7 @@ def weighed_ends(A: FloatArray, b: FloatArray, optimum: Weighed, rise: float, co
     Args:
         A: (rows, p) regressor.
         b: (rows,) readings.
-        optimum: result of `solve_weighed` for the same A and b.
+        optimum: result of `solve_mass_cones` for the same A and b.
         rise: allowed increase of the loss, positive.
         cones: set of x.
 
@@ -621,7 +623,7 @@ def weighed_ends(A: FloatArray, b: FloatArray, optimum: Weighed, rise: float, co
     from jointstiff.solver.estimation import convex  # takes a second to import
 
     radius = max(float(np.sqrt(optimum.loss + rise)), _LEAST_RADIUS * float(np.linalg.norm(b)))
-    program = convex.state_weighed_end(len(b), cones.blocks)
+    program = convex.state_mass_cone_end(len(b), cones.blocks)
     data = {"A": A, "b": (b - A @ optimum.x) / radius, "near": optimum.x / radius, "cap": cones.cap / radius}
     bounds, duals = np.full((len(cones.cap), 2), np.nan), {}
     for j, side in np.ndindex(bounds.shape):
@@ -633,7 +635,11 @@ def weighed_ends(A: FloatArray, b: FloatArray, optimum: Weighed, rise: float, co
     cap = cones.cap
     for _ in range(2):  # the second round uses the caps that the first has lowered
         for (j, side), (a, u) in duals.items():
-            least = u @ b - radius * float(np.linalg.norm(u)) + Cones(cones.blocks, cap).least(a - A.T @ u)
+            least = (
+                u @ b
+                - radius * float(np.linalg.norm(u))
+                + MassCones(cones.blocks, cap).minimise_linear_function(a - A.T @ u)
+            )
             bounds[j, side] = least if side == 0 else -least
         cap = np.fmin(cap, bounds[:, 1])
     bounds[:, 0] = np.fmax(bounds[:, 0], 0.0)

@@ -5,12 +5,12 @@
     state_semidefinite   minimise ‖T y − z‖² + pᵀy                      elastic links (§7)
     state_sum_of_norms   minimise Σ_i ρ(‖A_i x − d_i‖) + pᵀx            elastic links, robust losses (§7)
     state_penalised_end  minimise aᵀx subject to ‖T x − z‖² + pᵀx ≤ J   effective compliance's interval (§7)
-    state_weighed        minimise ‖A x − b‖²                            stiffness without a load (§14)
-    state_weighed_end    minimise aᵀx subject to ‖A x − b‖ ≤ 1          interval without a load (§14)
-    worst_direction      maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0            E-optimal design (§10)
+    state_mass_cones        minimise ‖A x − b‖²                            stiffness without a load (§14)
+    state_mass_cone_end    minimise aᵀx subject to ‖A x − b‖ ≤ 1          interval without a load (§14)
+    solve_e_optimal_design      maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0            E-optimal design (§10)
 
 The first two are subject to lower ≤ x ≤ upper and B x ≥ d, the next three to x_j ≥ 0 and Mat(x_b) ⪰ 0,
-with x = near + y in the first of them, the next two to the cones of `conic.Cones`, and the last one to
+with x = near + y in the first of them, the next two to the cones of `conic.MassCones`, and the last one to
 M(w) = M0 + Σ w_i K_i, Σ w = 1 and w ≥ 0. Variables are equilibrated. A program is compiled once for a
 shape, its data being parameters. `solve_huber`, `state_sum_of_norms`, `state_penalised_end` and designs are
 stated with their data, as that compiles faster. Ends of joints' intervals are found in batches, by
@@ -172,7 +172,7 @@ def solve_huber(
     Returns:
         (n,) compliances [rad/(N·m)] to Clarabel's tolerance; None if Clarabel fails.
     """
-    scaled = Scaled.of(squared)
+    scaled = Scaled.from_problem(squared)
     n = len(scaled.unit)
     with COMPILING:
         x = cp.Variable(n)
@@ -254,8 +254,8 @@ def state_penalised_end(T: FloatArray, z: FloatArray, p: FloatArray, limit: floa
 
 
 @lru_cache(maxsize=32)
-def state_weighed(rows: int, blocks: tuple[Block, ...]) -> Program:
-    """State ``minimise ‖A x − b‖² subject to x in the cones of the blocks, c ≤ cap`` (see `conic.Cones`).
+def state_mass_cones(rows: int, blocks: tuple[Block, ...]) -> Program:
+    """State ``minimise ‖A x − b‖² subject to x in the cones of the blocks, c ≤ cap`` (see `conic.MassCones`).
 
     Args:
         rows: number of rows of A.
@@ -272,8 +272,8 @@ def state_weighed(rows: int, blocks: tuple[Block, ...]) -> Program:
 
 
 @lru_cache(maxsize=32)
-def state_weighed_end(rows: int, blocks: tuple[Block, ...]) -> Program:
-    """State ``minimise aᵀy subject to ‖A y − b‖ ≤ 1``, with near + y in the set of `state_weighed`.
+def state_mass_cone_end(rows: int, blocks: tuple[Block, ...]) -> Program:
+    """State ``minimise aᵀy subject to ‖A y − b‖ ≤ 1``, with near + y in the set of `state_mass_cones`.
 
     `near` is the optimum and the unit is the ball's radius, because Clarabel needs a well-scaled program.
     The ball is the first of the program's second-order cones.
@@ -346,7 +346,9 @@ def _collect_data(scaled: Scaled) -> dict[str, FloatArray]:
     return {"A": scaled.A, "b": scaled.b, "lower": lower, "upper": upper, "B": scaled.B, "d": scaled.d}
 
 
-def worst_direction(base: FloatArray, K: FloatArray, metric: FloatArray) -> tuple[FloatArray, FloatArray]:
+def solve_e_optimal_design(
+    base: FloatArray, K: FloatArray, metric: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Solve ``maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0``, the E-optimal design.
 
     t is the least eigenvalue of V C V, with C the information on the first s parameters: the design is best

@@ -74,7 +74,7 @@ _VIOLATION = 1e-9
 _NOT_CERTIFIED = "an end of a confidence interval could not be certified"
 
 
-def interval_ends(
+def compute_interval_ends(
     likelihood: Likelihood,
     constraints: Constraints,
     rows: FloatArray,
@@ -108,13 +108,13 @@ def interval_ends(
     box = compute_range_on_box(rows, constraints.bounds)
     centre = (rows @ likelihood.centre)[:, None]
     clipped = np.clip(centre + np.stack([-half, half], axis=-1), box[:, :1], box[:, 1:])
-    ends = profile_ends(likelihood, constraints, rows, radii) if by_profile else clipped
+    ends = compute_profile_ends(likelihood, constraints, rows, radii) if by_profile else clipped
     lower = np.minimum(np.minimum(ends[..., 0], clipped[..., 0]), value)
     upper = np.maximum(np.maximum(ends[..., 1], clipped[..., 1]), value)
     return np.stack([lower, upper], axis=-1)
 
 
-def profile_ends(
+def compute_profile_ends(
     likelihood: Likelihood, constraints: Constraints, rows: FloatArray, radii: FloatArray
 ) -> FloatArray:
     """Return the ends of the profile-likelihood intervals of linear functions aᵀc.
@@ -278,7 +278,7 @@ class _Ball:
         return x, step
 
 
-def stiffness_of(compliance: float | None) -> float | None:
+def invert_compliance(compliance: float | None) -> float | None:
     """Return the stiffness 1 / c; None for a rigid joint (c = 0 or None) and where the inverse overflows."""
     if not compliance:
         return None
@@ -294,8 +294,8 @@ def stiffness_interval(interval: tuple[float, float] | None) -> tuple[float, flo
     """
     if interval is None or interval[0] < 0 or interval[1] <= 0:
         return None
-    least = stiffness_of(interval[1])
-    return None if least is None else (least, stiffness_of(interval[0]))
+    least = invert_compliance(interval[1])
+    return None if least is None else (least, invert_compliance(interval[0]))
 
 
 @dataclass(frozen=True)
@@ -321,7 +321,7 @@ class JointCompliance:
     @property
     def stiffness(self) -> float | None:
         """Stiffness [N·m/rad]; None for a rigid joint and where the stiffness overflows."""
-        return stiffness_of(self.compliance)
+        return invert_compliance(self.compliance)
 
     @property
     def stiffness_interval(self) -> tuple[float, float | None] | None:
@@ -348,7 +348,7 @@ class CommonErrors:
         """Changes (n, K) by the errors of all sources; the product with the transpose is their covariance."""
         return np.hstack(list(self.by_source.values()))
 
-    def of(self, source: str) -> FloatArray:
+    def responses_to(self, source: str) -> FloatArray:
         """Return the changes (n, k) by the errors of one source; k = 0 for a source without errors."""
         return self.by_source.get(source, self.responses[:, :0])
 
@@ -402,7 +402,7 @@ class Estimate:
     @property
     def regressor(self) -> FloatArray:
         """Regressor (m, n) of all readings, compressed and weighted by covariance for every method."""
-        return self.triangles.judged.matrix
+        return self.triangles.all_readings.matrix
 
     @property
     def estimated(self) -> BoolArray:
@@ -475,7 +475,7 @@ class Evidence:
     confidence: float  #: level of the intervals
     prior_to_data: FloatArray  #: (n,) as in `JointCompliance`, but NaN without a prior
 
-    def judge_joints(self) -> tuple[JointCompliance, ...]:
+    def derive_joint_results(self) -> tuple[JointCompliance, ...]:
         """Return the result for each joint: number, interval, status and reason.
 
         Raises:
@@ -492,16 +492,16 @@ class Evidence:
             constraints = self.constraints.select(likelihood.joints)
             wanted = np.eye(len(likelihood.joints))[np.searchsorted(likelihood.joints, shown)]
             value = self.fit.compliance[shown]
-            ends = [*interval_ends(likelihood, constraints, wanted, radii, value).transpose(1, 0, 2)]
+            ends = [*compute_interval_ends(likelihood, constraints, wanted, radii, value).transpose(1, 0, 2)]
         joints = [
             JointCompliance(name, kind, "not_observable", reason=reason)
             for name, kind, reason in zip(self.names, self.observability.kinds, hidden, strict=True)
         ]
         for j, intervals in zip(shown.tolist(), ends, strict=True):
-            joints[j] = self.judge_joint(j, intervals)
+            joints[j] = self.derive_joint_result(j, intervals)
         return tuple(joints)
 
-    def judge_joint(self, j: int, ends: FloatArray | None) -> JointCompliance:
+    def derive_joint_result(self, j: int, ends: FloatArray | None) -> JointCompliance:
         """Return the result for a joint j that has a number.
 
         Args:
@@ -637,7 +637,7 @@ class BudgetComponent(Spread):
 
 
 @dataclass(frozen=True, eq=False)
-class LeftOut:
+class PostureJackknife:
     """Estimates that each leave out one posture (jackknife)."""
 
     compliance: FloatArray  #: (P, n) without each posture in turn [rad/(N·m)]; NaN where undetermined
@@ -656,11 +656,11 @@ class UncertaintyBudget:
     coverage_factor: float
 
     @classmethod
-    def of(
+    def from_estimate(
         cls,
         estimate: Estimate,
         probability: float,
-        left_out: LeftOut | None = None,
+        left_out: PostureJackknife | None = None,
         *,
         lack_of_fit: bool = False,
     ) -> UncertaintyBudget | None:
@@ -711,7 +711,7 @@ class UncertaintyBudget:
         parts = [*self.components, self.total(), self.total(whole=True)]
         return Spread(np.stack([part.covariance for part in parts]))
 
-    def widened(self, estimate: Estimate, bounds: Bounds) -> Estimate:
+    def widen_intervals(self, estimate: Estimate, bounds: Bounds) -> Estimate:
         """Return the estimate with intervals widened to contain compliance ± expanded uncertainty.
 
         Args:
@@ -741,7 +741,7 @@ class UncertaintyBudget:
 
 
 def _estimate_model_error(
-    left_out: LeftOut, readings: FloatArray, joints: IndexArray, *, included: bool
+    left_out: PostureJackknife, readings: FloatArray, joints: IndexArray, *, included: bool
 ) -> list[BudgetComponent]:
     """Return the component of the model error: dispersion over postures beyond the noise of the readings.
 
@@ -800,7 +800,7 @@ class Prediction:
     encoders: FloatArray | None = None
 
     @classmethod
-    def of(
+    def from_predicted(
         cls, measurements: Measurements, predicted: FloatArray, contributions: Contributions | None = None
     ) -> Prediction:
         """Return predicted deflections (N, T, 3) [m] with their residuals and how much they explain."""
@@ -858,5 +858,5 @@ def predict(
         mean=mean,
         share=mean / total if total > 0.0 else np.zeros_like(mean),
     )
-    prediction = Prediction.of(measurements, np.concatenate(predicted), contributions)
+    prediction = Prediction.from_predicted(measurements, np.concatenate(predicted), contributions)
     return replace(prediction, encoders=np.concatenate(turned))

@@ -38,7 +38,7 @@ from jointstiff.solver.estimation.observability import (
 )
 from jointstiff.solver.estimation.problem import Constraints, IdentificationProblem, Scaled
 from jointstiff.solver.estimation.solution import Certificate, Solution, certify, solve, solve_step
-from jointstiff.solver.estimation.triangle import Triangle, triangle_of
+from jointstiff.solver.estimation.triangle import Triangle, compute_triangular_factor
 from jointstiff.solver.mechanics.block import RegressorBlock, whitened_rows
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import JOINTS
@@ -68,9 +68,9 @@ class Likelihood:
     @cached_property
     def rows(self) -> FloatArray:
         """Matrix R (k, p) of the likelihood."""
-        return rows_of(self.covariance) if self.given_rows is None else self.given_rows
+        return invert_to_root(self.covariance) if self.given_rows is None else self.given_rows
 
-    def inflated(self, factor: float) -> Likelihood:
+    def multiply_covariance(self, factor: float) -> Likelihood:
         """Return the likelihood with the same centre and its covariance multiplied by a factor."""
         rows = None if self.given_rows is None else self.given_rows / np.sqrt(factor)
         return Likelihood(self.joints, self.centre, factor * self.covariance, rows)
@@ -91,7 +91,7 @@ class Likelihood:
         return Likelihood(self.joints, self.centre, self.covariance + responses @ responses.T, rows)
 
 
-def rows_of(covariance: FloatArray) -> FloatArray:
+def invert_to_root(covariance: FloatArray) -> FloatArray:
     """Return R (p, p) such that RᵀR is the inverse of a covariance (p, p).
 
     Eigenvalues of the correlation matrix below rounding are raised to rounding, so that information is
@@ -120,9 +120,9 @@ class Fit:
     certificates: tuple[Certificate, ...]  #: certificates of each stage
     alone: Fit | None = None  #: the fit without the prior, where a prior was used
 
-    def inflated(self, factor: float) -> Fit:
+    def multiply_covariance(self, factor: float) -> Fit:
         """Return the same estimate with its covariance multiplied by a factor."""
-        wider = self.likelihood.inflated(factor)
+        wider = self.likelihood.multiply_covariance(factor)
         return replace(self, covariance=factor * self.covariance, likelihood=wider)
 
     def add_common_errors(self, responses: FloatArray) -> Fit:
@@ -157,7 +157,7 @@ class StageFit:
     tied: BoolArray  #: (p,) joints whose compliance an order makes equal to another's
 
     @classmethod
-    def of(
+    def from_rows(
         cls,
         R: FloatArray,
         z: FloatArray,
@@ -232,7 +232,7 @@ def fit_method(
             continue
         R, z, by_known = triangle.matrix[:, joints], triangle.rhs, triangle.matrix[:, known]
         remaining = constraints.fix_joints(known, compliance[known], joints)
-        fitted = StageFit.of(R, z - by_known @ compliance[known], joints, remaining, prior, find)
+        fitted = StageFit.from_rows(R, z - by_known @ compliance[known], joints, remaining, prior, find)
         if fitted.undetermined and stage is not method.stages[-1]:
             combined = sorted(j for group in fitted.undetermined for j in group.joints)
             raise UnsupportedMethodError(
@@ -287,7 +287,7 @@ def _combine_stages(
         rows = stages[0].spectrum.determined
     elif undetermined:
         seen = block_diag(*(stage.spectrum.seen for stage in stages))
-        rows = rows_of(seen @ part @ seen.T) @ seen
+        rows = invert_to_root(seen @ part @ seen.T) @ seen
     return Fit(
         compliance,
         active,
@@ -546,7 +546,7 @@ class _HuberProblem:
     def state_weighted(self, weight: FloatArray) -> IdentificationProblem:
         """Return the weighted least-squares problem for weights (K,) of the readings."""
         rows = (np.sqrt(weight)[:, None, None] * self.rows).reshape(-1, self.rows.shape[2])
-        R = triangle_of(np.vstack([rows, self.squared]))
+        R = compute_triangular_factor(np.vstack([rows, self.squared]))
         return self.state_problem(Spectrum(R[:, :-1]), R[:, -1])
 
     def state_unweighted(self) -> IdentificationProblem:
@@ -567,7 +567,7 @@ class _HuberProblem:
         along = np.where(norm > 1.0, 1.0 - np.sqrt(damping), 0.0)
         curved = A - along[:, None, None] * u[..., None] * (u[:, None] @ A)
         weighted = (np.sqrt(weight)[:, None, None] * curved).reshape(-1, len(c))
-        R = triangle_of(np.vstack([weighted, S]))
+        R = compute_triangular_factor(np.vstack([weighted, S]))
         gradient = S.T @ (S @ c - self.squared[:, -1])
         gradient -= np.einsum("kij,ki->j", A, weight[:, None] * residual)
         spectrum = Spectrum(R)
@@ -576,7 +576,7 @@ class _HuberProblem:
 
     def certificate(self, c: FloatArray, solved_by: SupportFinder) -> Certificate:
         """Return the certificate of c (p,): least squares with the weights at c has the Huber optimum."""
-        scaled = Scaled.of(self.state_weighted(_huber_weights(self.residuals_at(c)[1])))
+        scaled = Scaled.from_problem(self.state_weighted(_huber_weights(self.residuals_at(c)[1])))
         return certify(scaled, c / scaled.unit, solved_by)
 
 

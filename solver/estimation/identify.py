@@ -91,7 +91,7 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
     return replace(estimate, complementary_stiffness=size)
 
 
-def identify_balanced(
+def identify_with_fallback(
     robot: Robot, measurements: Measurements, settings: Settings
 ) -> tuple[Settings, Estimate]:
     """Identify the compliances; if that fails with the complementary stiffness K_c, identify without K_c.
@@ -173,7 +173,7 @@ class _Pass:
 
     def noise(self) -> float:
         """Return sigma estimated from the residuals [m]; zero without degrees of freedom."""
-        return estimate_scale(self.fit, self.triangles.judged, None).sigma or 0.0
+        return estimate_scale(self.fit, self.triangles.all_readings, None).sigma or 0.0
 
 
 def _fit_once(
@@ -208,12 +208,12 @@ def _fit_once(
         for block in regressor_blocks(robot, measurements, compliance):
             triangles.add(block)
     # Each cause's unknown that was fitted before uses up one degree of freedom.
-    triangles.judged.rows -= fitted_errors(measurements).determined
+    triangles.all_readings.rows -= fitted_errors(measurements).determined
     find = solve_step if before is None and settings.complementary_stiffness else solve
     fit = fit_method(triangles, observability.null, settings.constraints, find=find)
     if settings.prior is not None:
         # A prior's weight is sigma/s₀; a sigma that is not given is estimated from the readings alone.
-        sigma = estimate_scale(fit, triangles.judged, sigma).sigma
+        sigma = estimate_scale(fit, triangles.all_readings, sigma).sigma
         if not sigma:
             raise UnsupportedMethodError(
                 "weighting a prior needs sigma, which is not given and cannot be estimated from these "
@@ -310,7 +310,7 @@ def _build_estimate(robot: Robot, measurements: Measurements, settings: Settings
 
     With the Huber loss, a robust scale replaces a sigma that is unknown.
     """
-    fit, robust, judged = last.fit, last.robust, last.triangles.judged
+    fit, robust, judged = last.fit, last.robust, last.triangles.all_readings
     sigma = measurements.sigma if robust is None else robust.sigma
     # With a prior, sigma comes from the fit without the prior, and chi-square from the fit with the prior.
     scale = estimate_scale(fit if fit.alone is None else fit.alone, judged, sigma)
@@ -318,7 +318,7 @@ def _build_estimate(robot: Robot, measurements: Measurements, settings: Settings
         scale = replace(estimate_scale(fit, judged, scale.sigma), given=scale.given)
     scale = replace(scale, given=scale.given and measurements.sigma is not None)
     # The weights of the Huber loss come from the residuals, which makes the covariance larger.
-    fit = fit.inflated(1.0 if robust is None else robust.inflation)
+    fit = fit.multiply_covariance(1.0 if robust is None else robust.inflation)
     common = None
     if scale.sigma is not None:
         scale = replace(scale, sigma=max(scale.sigma, _LEAST_SIGMA))
@@ -350,7 +350,7 @@ def _build_estimate(robot: Robot, measurements: Measurements, settings: Settings
         ratios,
     )
     return Estimate(
-        joints=evidence.judge_joints(),
+        joints=evidence.derive_joint_results(),
         compliance=fit.compliance,
         balanced=last.balanced,
         covariance=covariance,
@@ -424,6 +424,6 @@ def _largest_standardised_shift(shift: FloatArray | None, estimate: Estimate) ->
     variance = np.diagonal(estimate.covariance)
     if estimate.common is not None:
         for source in ("assumed_load_point", "assumed_force_scale"):
-            variance = variance - np.square(estimate.common.of(source)).sum(axis=1)
+            variance = variance - np.square(estimate.common.responses_to(source)).sum(axis=1)
     known = estimate.estimated & (variance > 0.0)
     return float((np.abs(shift[known]) / np.sqrt(variance[known])).max()) if known.any() else None

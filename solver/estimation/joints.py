@@ -14,7 +14,7 @@ from jointstiff.solver.estimation.causes import (
     screen_estimate,
 )
 from jointstiff.solver.estimation.estimate import Estimate
-from jointstiff.solver.estimation.identify import identify_balanced
+from jointstiff.solver.estimation.identify import identify_with_fallback
 from jointstiff.solver.estimation.method import Loss, Settings
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
@@ -48,7 +48,7 @@ class JointsAlone:
     @cached_property
     def _identified(self) -> tuple[Settings, Estimate]:
         """Settings that were used, and the estimate."""
-        return identify_balanced(self.robot, self.measurements, self.stated)
+        return identify_with_fallback(self.robot, self.measurements, self.stated)
 
     @property
     def settings(self) -> Settings:

@@ -104,7 +104,7 @@ class Settings:
     complementary_stiffness: bool = False  #: whether K_c is part of the model (method.md §2)
 
     @classmethod
-    def of(cls, options: RunOptions, robot: Robot) -> Settings:
+    def from_options(cls, options: RunOptions, robot: Robot) -> Settings:
         """Return the settings of a run's options, with stiffnesses converted to compliances.
 
         Raises:
@@ -309,8 +309,8 @@ class MethodTriangles:
         """Start without observations."""
         n = len(method.joint_names)
         self.method = method
-        self.judged = Triangle(joints=n)
-        self.stages = [self.judged] if method.is_plain else [Triangle(joints=n) for _ in method.stages]
+        self.all_readings = Triangle(joints=n)
+        self.stages = [self.all_readings] if method.is_plain else [Triangle(joints=n) for _ in method.stages]
         self.spreads = None if method.by_covariance else [Triangle(joints=n) for _ in method.stages]
         self.cross: FloatArray = np.zeros((n, n))
         self.seen_from_centre = Excitation(method.joint_kinds)
@@ -319,9 +319,9 @@ class MethodTriangles:
         """Add the rows of a block of observations to all triangles."""
         part = block.measurements
         whitened = whitened_rows(block, [JOINTS], np.zeros(block.robot.n))
-        self.judged.add(whitened.targets, count=int(part.coordinates.sum()))
+        self.all_readings.add(whitened.targets, count=int(part.coordinates.sum()))
         if part.encoders is not None and whitened.encoders is not None:
-            self.judged.add(whitened.encoders, count=int(part.encoders.present.sum()))
+            self.all_readings.add(whitened.encoders, count=int(part.encoders.present.sum()))
         if self.method.is_plain:
             return
         spreads = []

@@ -263,7 +263,7 @@ class Scaled:
     unit: FloatArray  #: (n,) units of the variables, ``c = unit · x`` [rad/(N·m)]
 
     @classmethod
-    def of(cls, problem: IdentificationProblem) -> Scaled:
+    def from_problem(cls, problem: IdentificationProblem) -> Scaled:
         """Return a problem scaled so that columns, rows of B and right-hand side have unit norm."""
         size = float(np.linalg.norm(problem.z)) or 1.0
         unit = size / problem.column_norms

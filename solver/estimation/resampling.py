@@ -98,7 +98,7 @@ class MethodStacks:
         return shares
 
 
-def method_stacks(
+def build_method_stacks(
     robot: Robot, measurements: Measurements, settings: Settings, estimate: Estimate
 ) -> MethodStacks:
     """Compute the rows of a method on a measurement set, for fits of subsets.
@@ -176,7 +176,7 @@ class Draws:
     def _blocks(self) -> MethodStacks:
         """Rows of the method on the whole set."""
         joints = self._joints
-        return method_stacks(joints.robot, joints.measurements, joints.settings, joints.estimate)
+        return build_method_stacks(joints.robot, joints.measurements, joints.settings, joints.estimate)
 
     def steps(self) -> tuple[tuple[int, int], ...]:
         """Return for each step the range of repetitions: the first, and one past the last."""
@@ -241,7 +241,7 @@ def _build_stage_stack(rows: FloatArray, joints: IndexArray, known: IndexArray) 
     return StageStack(joints, known, stack, norms[-1] / norms[:-1])
 
 
-def draws_of(plan: Resampling, configurations: int, start: int, stop: int) -> IndexArray:
+def draw_configurations(plan: Resampling, configurations: int, start: int, stop: int) -> IndexArray:
     """Draw the configurations for a range of repetitions, reproducibly from the seed.
 
     With u the table ``np.random.default_rng(seed).random((repetitions, N))``, repetition r draws the
@@ -307,7 +307,7 @@ def resample(
     stop = plan.repetitions if stop is None else stop
     step = max(1, min(TILE, _TILE_WEIGHTS // len(blocks)))
     starts = range(start, stop, step) or [start]
-    draws = (draws_of(plan, len(blocks), first, min(first + step, stop)) for first in starts)
+    draws = (draw_configurations(plan, len(blocks), first, min(first + step, stop)) for first in starts)
     parts = []
     for drawn in draws:
         shape = len(drawn), len(blocks)

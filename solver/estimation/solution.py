@@ -147,7 +147,7 @@ def solve(problem: IdentificationProblem) -> Solution:
     Raises:
         SolverError: if no candidate satisfies the optimality conditions.
     """
-    scaled = Scaled.of(problem)
+    scaled = Scaled.from_problem(problem)
     exact = _propose_by_least_distance(scaled) if len(scaled.d) else _propose_by_active_set(scaled)
     return _select_first_certified(problem, scaled, chain(_propose_by_clarabel(scaled), exact))
 
@@ -161,7 +161,7 @@ def solve_step(problem: IdentificationProblem) -> Solution:
     Raises:
         SolverError: as `solve`.
     """
-    scaled = Scaled.of(problem)
+    scaled = Scaled.from_problem(problem)
     if len(scaled.d):
         return _select_first_certified(
             problem, scaled, chain(_propose_by_least_distance(scaled), _propose_by_clarabel(scaled))

@@ -28,7 +28,7 @@ class Stack:
     widths: dict[str, int]  #: number of columns of each term, by the term's name, in the order of the columns
 
     @classmethod
-    def of(
+    def from_blocks(
         cls,
         blocks: Iterable[RegressorBlock],
         terms: Sequence[Term],
@@ -105,7 +105,7 @@ class Stack:
             unit[self.span[name]] = size
         return replace(self, rows=self.rows * unit)
 
-    def left_by(self, names: Sequence[str]) -> Stack:
+    def project_out(self, names: Sequence[str]) -> Stack:
         """Return the stack with the named terms projected out of all other columns, and removed.
 
         A fit to the result equals a fit in which the named terms are free.

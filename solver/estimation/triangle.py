@@ -30,7 +30,7 @@ _RESOLUTION: Final = 1e-7
 """Residual [m] of a coordinate below which nothing is left to explain."""
 
 
-def triangle_of(rows: FloatArray) -> FloatArray:
+def compute_triangular_factor(rows: FloatArray) -> FloatArray:
     """Return the triangular factor (k, k) of rows (m, k), k columns, computed by a tree of small QRs.
 
     Small QRs start no threads. A stack of s small matrices (s, m, k) gives s factors (s, k, k).
@@ -74,9 +74,9 @@ class Triangle:
         """
         flat, width = rows.reshape(-1, self.R.shape[1]), self.R.shape[1]
         if not self.rows and len(flat) >= width:
-            self.R = triangle_of(flat)
+            self.R = compute_triangular_factor(flat)
         else:
-            self.R = triangle_of(np.concatenate([self.R, triangle_of(flat)]))
+            self.R = compute_triangular_factor(np.concatenate([self.R, compute_triangular_factor(flat)]))
         self.rows += len(flat) if count is None else count
 
     @property
@@ -138,7 +138,7 @@ class Triangle:
         """Return the rank of the named terms' unit columns: the number of singular values above `least`."""
         return int(orthonormal_basis(self.unit_columns(names), least).shape[1])
 
-    def left_by(self, names: Sequence[str], least: float) -> Triangle:
+    def project_out(self, names: Sequence[str], least: float) -> Triangle:
         """Return the triangle with the named terms projected out of all other columns, and then removed.
 
         A fit to the result equals a fit in which the named terms are free.
@@ -172,7 +172,7 @@ class Triangle:
         along = U[:, seen].T @ (self.rhs - self.matrix @ others)
         return np.asarray(Vt[seen].T @ (along / s[seen]) / length)
 
-    def given(self, deviation: FloatArray, variance: float) -> Given:
+    def fit_with_prior(self, deviation: FloatArray, variance: float) -> PriorFit:
         """Fit all terms by least squares with a Gaussian prior of mean zero on every unknown.
 
         The prior enters as one more row for each unknown: the unknown over its standard uncertainty is zero.
@@ -185,9 +185,9 @@ class Triangle:
         x, *_ = np.linalg.lstsq(M, np.concatenate([self.rhs, np.zeros(len(deviation))]), rcond=None)
         inverse = np.linalg.solve(np.linalg.qr(M, mode="r"), np.eye(len(deviation)))
         left = float(np.square(self.matrix @ (deviation * x) - self.rhs).sum())
-        return Given(deviation * x, np.sqrt(variance) * deviation[:, None] * inverse, left)
+        return PriorFit(deviation * x, np.sqrt(variance) * deviation[:, None] * inverse, left)
 
-    def fit_with(self, names: Sequence[str], known: str = "joints") -> FittedWith:
+    def fit_with(self, names: Sequence[str], known: str = "joints") -> TermsFit:
         """Fit the named terms together with a term that certainly acts, by least squares without bounds.
 
         Directions of the named terms that the certain term, `known`, explains equally well stay zero.
@@ -202,10 +202,10 @@ class Triangle:
         step = root @ (U[:, distinct].T @ d)
         fitted = np.linalg.lstsq(known_unit, d - unit @ step, rcond=INDEPENDENT)[0]
         hidden = Vt[~distinct].T / length[:, None]
-        return FittedWith(fitted / scale, step / length, root / length[:, None], hidden)
+        return TermsFit(fitted / scale, step / length, root / length[:, None], hidden)
 
 
-class Given(NamedTuple):
+class PriorFit(NamedTuple):
     """Result of least squares for K unknowns that have a prior."""
 
     unknowns: FloatArray  #: (K,) fitted values
@@ -213,7 +213,7 @@ class Given(NamedTuple):
     squares: float  #: sum of the squared residuals of the readings
 
 
-class FittedWith(NamedTuple):
+class TermsFit(NamedTuple):
     """Result of least squares for p unknowns of a certain term and K of other terms, in units of sigma."""
 
     known: FloatArray  #: (p,) unknowns of the certain term: the joints, unless another term was named

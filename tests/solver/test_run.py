@@ -26,9 +26,9 @@ def test_arrays_give_true_stiffnesses_with_a_verdict():
 
 def test_joints_are_identified_once_however_many_models_compete(monkeypatch):
     robot, measurements = prepare(elastic_campaign(beam_arm(ARM), configurations=16, seed=5))
-    identified, identify = [], joints.identify_balanced
+    identified, identify = [], joints.identify_with_fallback
     monkeypatch.setattr(
-        joints, "identify_balanced", lambda *given: identified.append(given) or identify(*given)
+        joints, "identify_with_fallback", lambda *given: identified.append(given) or identify(*given)
     )
     options = RunOptions(cross_validation=CrossValidation(folds=2, draws=1), links=["joint_2"])
     result = run(robot, measurements, options)
