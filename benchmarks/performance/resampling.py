@@ -20,8 +20,8 @@ from jointstiff.solver.estimation.problem import Bounds
 from jointstiff.solver.estimation.resampling import (
     MethodStacks,
     Resamples,
-    draw_configurations,
     build_method_stacks,
+    draw_configurations,
     resample,
 )
 

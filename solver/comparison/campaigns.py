@@ -34,7 +34,7 @@ from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.robot import Estimate
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation.estimate import predict, compute_profile_ends, invert_compliance
+from jointstiff.solver.estimation.estimate import compute_profile_ends, invert_compliance, predict
 from jointstiff.solver.estimation.fit import Likelihood, StageFit, invert_to_root, student_quantile
 from jointstiff.solver.estimation.problem import Bounds, Constraints, Order
 from jointstiff.solver.estimation.solution import greatest_violations

@@ -40,10 +40,10 @@ from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.estimation.triangle import (
     INDEPENDENT,
     Triangle,
+    compute_triangular_factor,
     orthonormal_basis,
     solve_nonnegative,
     stack_padded,
-    compute_triangular_factor,
 )
 from jointstiff.solver.mechanics.block import (
     CorrectedMeasurements,

@@ -567,7 +567,7 @@ class MassConeSolution(ConeSolution):
     loss: float  #: ‖A x − b‖² at the optimum
 
 
-def solve_mass_cones(A: FloatArray, b: FloatArray, cones: Cones) -> MassConeSolution:
+def solve_mass_cones(A: FloatArray, b: FloatArray, cones: MassCones) -> MassConeSolution:
     """Solve ``minimise ‖A x − b‖²`` over cones of masses and moments by Clarabel, and certify the optimum.
 
     For any x and y: ``‖A y − b‖² ≥ ‖A x − b‖² + 2 gᵀ(y − x)`` with g = Aᵀ(A x − b), so that the excess is at
@@ -603,7 +603,7 @@ def solve_mass_cones(A: FloatArray, b: FloatArray, cones: Cones) -> MassConeSolu
 
 
 def bound_compliances(
-    A: FloatArray, b: FloatArray, optimum: MassConeSolution, rise: float, cones: Cones
+    A: FloatArray, b: FloatArray, optimum: MassConeSolution, rise: float, cones: MassCones
 ) -> FloatArray:
     """Return bounds of each block's c over all points of the set with ``‖A x − b‖² ≤ loss + rise``.
 

@@ -29,8 +29,8 @@ from jointstiff.solver.estimation.assessment import report_no_identified_joint
 from jointstiff.solver.estimation.conic import (
     MassCones,
     MassConeSolution,
-    solve_mass_cones,
     bound_compliances,
+    solve_mass_cones,
 )
 from jointstiff.solver.estimation.estimate import JointCompliance
 from jointstiff.solver.estimation.fit import student_quantile

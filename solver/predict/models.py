@@ -35,7 +35,7 @@ from jointstiff.solver.estimation.fit import Likelihood
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.observability import Spectrum
 from jointstiff.solver.estimation.problem import Constraints
-from jointstiff.solver.estimation.resampling import fit_subsets, build_method_stacks
+from jointstiff.solver.estimation.resampling import build_method_stacks, fit_subsets
 from jointstiff.solver.links.choice import Folds, fit_fold
 from jointstiff.solver.links.fit import ElasticEstimate
 from jointstiff.solver.links.model import ElasticColumns, elastic_blocks

@@ -31,20 +31,20 @@ from jointstiff.solver.estimation import convex
 from jointstiff.solver.estimation import fit as robust
 from jointstiff.solver.estimation.cones import Block, Cone, lift_diagonal, to_matrix, to_vector
 from jointstiff.solver.estimation.conic import (
-    MassCones,
     Face,
     LeastSquares,
+    MassCones,
     NormSum,
     RobustProgram,
     SemidefiniteProgram,
+    bound_compliances,
     certify_cone,
     certify_robust,
     compute_effective_freedom,
     compute_penalised_range,
     solve_cone,
-    solve_robust,
     solve_mass_cones,
-    bound_compliances,
+    solve_robust,
 )
 from jointstiff.solver.estimation.method import DEFAULT_THRESHOLD
 from jointstiff.solver.mechanics.chain import ChainJoint, KinematicChain
