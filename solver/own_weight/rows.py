@@ -24,6 +24,7 @@ import pinocchio as pin
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.estimation.cones import Block
+from jointstiff.solver.estimation.conic import MassCones
 from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.geometry.poses import (
     Motion,
