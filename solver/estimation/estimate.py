@@ -83,7 +83,7 @@ def compute_interval_ends(
     *,
     by_profile: bool = True,
 ) -> FloatArray:
-    """Return confidence intervals of linear functions aᵀc: profile-likelihood intervals, widened.
+    """Compute confidence intervals of linear functions aᵀc: profile-likelihood intervals, widened.
 
     A profile interval uses the constraints on the other joints as information; where joints truly are at
     their bounds it covers too little (86 % instead of 95 % with two rigid joints). So it is widened to
@@ -94,9 +94,10 @@ def compute_interval_ends(
         likelihood: of p compliances.
         constraints: on the same p compliances.
         rows: (w, p) functions a, none zero; each determined by the readings.
-        radii: (q,) √Δ in units of ‖R c‖, one for each kind of interval.
+        radii: (q,) √Δ for each kind of interval: half its width in standard uncertainties, times sigma.
         value: (w,) estimates of the functions, in the unit of aᵀc.
-        by_profile: whether to include the profile interval; the cut interval alone has enough coverage.
+        by_profile: whether to include the profile interval; the unconstrained interval cut at the constraints
+            has enough coverage alone.
 
     Returns:
         (q, w, 2) lower and upper ends, in the unit of aᵀc.
@@ -117,13 +118,15 @@ def compute_interval_ends(
 def compute_profile_ends(
     likelihood: Likelihood, constraints: Constraints, rows: FloatArray, radii: FloatArray
 ) -> FloatArray:
-    """Return the ends of the profile-likelihood intervals of linear functions aᵀc.
+    """Compute the ends of the profile-likelihood intervals of linear functions aᵀc.
+
+    An end is the least or greatest aᵀc within the constraints and ``‖R (c − ĉ)‖² ≤ min + Δ``.
 
     Args:
         likelihood: of p compliances.
         constraints: on the same p compliances.
         rows: (w, p) functions a, none zero; each determined by the readings.
-        radii: (q,) √Δ in units of ‖R c‖, one for each kind of interval.
+        radii: (q,) √Δ for each kind of interval: half its width in standard uncertainties, times sigma.
 
     Returns:
         (q, w, 2) lower and upper ends, in the unit of aᵀc.
@@ -172,6 +175,7 @@ class _Ball:
     """Likelihood around its centre in equilibrated variables x, as ``‖A x‖²``, with the constraints."""
 
     def __init__(self, likelihood: Likelihood, constraints: Constraints, scale: float) -> None:
+        """Scale the likelihood and the constraints: ``c = ĉ + unit · x``, so that ‖A x‖ = 1 is at `scale`."""
         rows, centre = likelihood.rows, likelihood.centre
         norms = np.linalg.norm(rows, axis=0)
         self.unit: FloatArray = scale / norms
@@ -208,14 +212,21 @@ class _Ball:
         return solution.compliance, solution.active != 0, tight
 
     def find_ends(self, objective: FloatArray, radius2: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Minimise objectives (K, p) under ‖A x‖² ≤ radius2 (K,) and the constraints: ends of intervals.
+        """Minimise K linear objectives over the part of a ball that satisfies the constraints.
 
-        For each objective, Newton's method finds the s at which the optimum of the quadratic program (see the
-        module) reaches the sphere.
+        For each objective, Newton's method finds the s at which the optimum of ``‖A x + s h‖²`` under the
+        constraints reaches the sphere, with h such that Aᵀh is the objective.
+
+        Args:
+            objective: (K, p) coefficients of the objectives.
+            radius2: (K,) squared radii of the balls ‖A x‖² ≤ radius2.
 
         Returns:
-            The points (K, p), and whether (K,) the objective reached its least value within the bounds
-            already inside the ball.
+            The points (K, p), and whether (K,) the objective has its least value within the bounds already
+            inside the ball.
+
+        Raises:
+            SolverError: a point could not be certified, or was not found in `MOST_ROUNDS` rounds.
         """
         count = len(objective)
         pull = np.asarray(np.linalg.lstsq(self.A.T, objective.T, rcond=_NO_DIRECTION)[0].T, np.float64)  # h
@@ -252,7 +263,16 @@ class _Ball:
     def find_optima(
         self, s: FloatArray, objective: FloatArray, pull: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the optima x (K, p) of the quadratic programs at s (K,), and −dx/ds (K, p) on their face."""
+        """Minimise ``‖A x + s h‖²`` under the constraints, for K objectives Aᵀh.
+
+        Args:
+            s: (K,) factors of h.
+            objective: (K, p) objectives Aᵀh.
+            pull: (K, m) vectors h.
+
+        Returns:
+            The optima x (K, p), and −dx/ds (K, p) with the active constraints kept.
+        """
         x, step = np.zeros(objective.shape), np.zeros(objective.shape)
         pending = np.ones(len(s), dtype=np.bool_)
         if self.inequalities is None:
@@ -266,9 +286,9 @@ class _Ball:
             slopes = np.where(free, objective[settled], 0.0)[..., None]
             step[settled] = np.linalg.solve(matrices, slopes)[..., 0]
         for k in np.flatnonzero(pending):
-            x[k], held, tight = self.find_optimum(-s[k] * pull[k])
-            rows = np.vstack([np.eye(len(held))[held], tight])
-            along = np.eye(len(held))  # directions of the face; A may lack rank
+            x[k], at_bound, tight = self.find_optimum(-s[k] * pull[k])
+            rows = np.vstack([np.eye(len(at_bound))[at_bound], tight])
+            along = np.eye(len(at_bound))  # directions of the face; A may lack rank
             if len(rows):
                 _, singular, Vt = np.linalg.svd(rows, full_matrices=True)
                 along = Vt[int((singular > _NO_DIRECTION * singular[0]).sum()) :].T
@@ -279,7 +299,7 @@ class _Ball:
 
 
 def invert_compliance(compliance: float | None) -> float | None:
-    """Return the stiffness 1 / c; None for a rigid joint (c = 0 or None) and where the inverse overflows."""
+    """Return the stiffness 1 / c of a compliance c; None if c is zero or None, or if 1 / c overflows."""
     if not compliance:
         return None
     stiffness = 1.0 / float(compliance)
@@ -287,10 +307,10 @@ def invert_compliance(compliance: float | None) -> float | None:
 
 
 def stiffness_interval(interval: tuple[float, float] | None) -> tuple[float, float | None] | None:
-    """Return the interval of the stiffness, [1/c_hi, 1/c_lo], from that of the compliance [c_lo, c_hi].
+    """Return the interval of the stiffness, (1/c_hi, 1/c_lo), for an interval (c_lo, c_hi) of the compliance.
 
-    The upper end is None where the compliance may be zero. Returns None where the compliance may be negative,
-    so that there is no least stiffness.
+    The upper end is None where the compliance may be zero. The result is None without an interval, and where
+    the compliance may be negative, so that the stiffness has no lower limit.
     """
     if interval is None or interval[0] < 0 or interval[1] <= 0:
         return None
@@ -345,11 +365,14 @@ class CommonErrors:
 
     @property
     def responses(self) -> FloatArray:
-        """Changes (n, K) by the errors of all sources; the product with the transpose is their covariance."""
+        """Changes S (n, K) of the estimate by the errors of all sources; S Sᵀ is their covariance."""
         return np.hstack(list(self.by_source.values()))
 
     def responses_to(self, source: str) -> FloatArray:
-        """Return the changes (n, k) by the errors of one source; k = 0 for a source without errors."""
+        """Return the changes (n, k) of the compliances by one standard uncertainty of each error of a source.
+
+        The unit is rad/(N·m); k = 0 for a source without errors.
+        """
         return self.by_source.get(source, self.responses[:, :0])
 
 
@@ -473,10 +496,12 @@ class Evidence:
     scale: Scale  #: sigma and the residuals under sigma
     constraints: Constraints  #: on the compliances
     confidence: float  #: level of the intervals
-    prior_to_data: FloatArray  #: (n,) as in `JointCompliance`, but NaN without a prior
+    #: (n,) information of each joint's prior over that of the readings; NaN for a joint without a prior, inf
+    #: where only the prior separates the joint from other joints
+    prior_to_data: FloatArray
 
     def derive_joint_results(self) -> tuple[JointCompliance, ...]:
-        """Return the result for each joint: number, interval, status and reason.
+        """Return the result for each joint: compliance, interval, status and reason.
 
         Raises:
             SolverError: if the end of an interval could not be certified.
@@ -502,7 +527,7 @@ class Evidence:
         return tuple(joints)
 
     def derive_joint_result(self, j: int, ends: FloatArray | None) -> JointCompliance:
-        """Return the result for a joint j that has a number.
+        """Return the result for a joint j whose compliance the readings determine.
 
         Args:
             j: index of the joint.
@@ -605,7 +630,7 @@ _NO_UPPER_END = (
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Uncertainty of all n compliances, by one or several sources; leading dimensions stack several."""
+    """Uncertainty of all n compliances; leading dimensions of the covariance stack several uncertainties."""
 
     covariance: FloatArray  #: (..., n, n) [(rad/(N·m))²]
 
@@ -625,7 +650,7 @@ class Spread:
 
 @dataclass(frozen=True, eq=False)
 class BudgetComponent(Spread):
-    """Uncertainty of all compliances by one source."""
+    """Part of the uncertainty of all compliances that one source causes."""
 
     #: `readings`, the name of a term whose uncertainty is stated or assumed, `model_error` or
     #: `complementary_stiffness`
@@ -669,7 +694,8 @@ class UncertaintyBudget:
         Args:
             estimate: of n compliances.
             probability: coverage probability.
-            left_out: estimates without single postures, which show the model error; None omits the latter.
+            left_out: estimates without single postures, from which the model error is estimated; None to
+                leave the model error out.
             lack_of_fit: whether a model of joints alone does not fit: the standard uncertainty then includes
                 the model error.
         """
@@ -701,13 +727,13 @@ class UncertaintyBudget:
         return cls(joints, tuple(components), probability, factor)
 
     def total(self, *, whole: bool = False) -> Spread:
-        """Return the sum of the included components; of all components if `whole`."""
+        """Return the sum of the components that the standard uncertainty includes; of all if `whole`."""
         parts = [part.covariance for part in self.components if part.included or whole]
         return Spread(np.sum(parts, axis=0))
 
     @property
     def spread(self) -> Spread:
-        """Stack of the components in turn, the sum of the included ones, and the sum of all."""
+        """Stack of uncertainties: the components in turn, the included components' sum, and the sum of all."""
         parts = [*self.components, self.total(), self.total(whole=True)]
         return Spread(np.stack([part.covariance for part in parts]))
 
@@ -743,9 +769,9 @@ class UncertaintyBudget:
 def _estimate_model_error(
     left_out: PostureJackknife, readings: FloatArray, joints: IndexArray, *, included: bool
 ) -> list[BudgetComponent]:
-    """Return the component of the model error: dispersion over postures beyond the noise of the readings.
+    """Return the component of the model error, as a list of one; an empty list for too few postures.
 
-    The list is empty if there are too few postures. The covariance of the jackknife contains noise and model
+    The model error is the dispersion over postures beyond the noise of the readings. The covariance of the jackknife contains noise and model
     error. In units of the noise its eigenvalues are 1 on average for noise alone, and at most
     ``(1 + √(p/P))²`` (Marchenko & Pastur, 1967); only eigenvalues beyond that limit count as model error.
     """
@@ -792,18 +818,19 @@ class Prediction:
     residual: FloatArray  #: (N, T, 3) measured minus predicted; zero where a target was not read
     compensation: float | None  #: ``1 − mean‖residual‖ / mean‖δp‖``; None where nothing moved
     rms_residual: float  #: root mean square of ‖residual‖ [m]
-    contributions: Contributions | None = None  #: of the joints; None where more than joints bends
+    contributions: Contributions | None = None  #: of the joints; None where links or the base bend, too
     #: what bends in addition to the joints; None for nothing
     bending: Literal["links", "base", "links_or_base"] | None = None
     joined: bool = True  #: for `links_or_base`: whether the intervals contain the values of both models
-    #: (N, n) deflections ``δθ = diag(τ) c`` of the joints behind their gearboxes [rad]; None where more bends
+    #: (N, n) deflections ``δθ = diag(τ) c`` of the joints behind their gearboxes [rad]; None where links or the
+    #: base bend, too
     encoders: FloatArray | None = None
 
     @classmethod
     def from_predicted(
         cls, measurements: Measurements, predicted: FloatArray, contributions: Contributions | None = None
     ) -> Prediction:
-        """Return predicted deflections (N, T, 3) [m] with their residuals and how much they explain."""
+        """Return the prediction of deflections (N, T, 3) [m] with residuals and compensation."""
         residual = np.where(measurements.present[..., None], measurements.deflection - predicted, 0.0)
         left = np.linalg.norm(residual[measurements.present], axis=-1)
         moved = np.linalg.norm(measurements.deflection[measurements.present], axis=-1).mean()

@@ -467,7 +467,7 @@ def _summarise_samples(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return mean (k,), standard deviation (k,) and percentile interval (k, 2) of k samples.
 
-    A number is NaN where a sample has too few values: one for a mean or interval, two for a deviation.
+    A mean or an interval needs one value of the sample, a deviation two values; else the number is NaN.
     """
     tail = (1.0 - confidence) / 2.0
     mean, deviation, interval = np.full(len(samples), np.nan), np.full(len(samples), np.nan), []
