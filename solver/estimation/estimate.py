@@ -175,7 +175,7 @@ class _Ball:
     """Likelihood around its centre in equilibrated variables x, as ``‖A x‖²``, with the constraints."""
 
     def __init__(self, likelihood: Likelihood, constraints: Constraints, scale: float) -> None:
-        """Scale the likelihood and the constraints: ``c = ĉ + unit · x``, so that ‖A x‖ = 1 is at `scale`."""
+        """Scale the likelihood and the constraints: ``c = ĉ + unit · x`` and ``‖R (c − ĉ)‖ = scale ‖A x‖``."""
         rows, centre = likelihood.rows, likelihood.centre
         norms = np.linalg.norm(rows, axis=0)
         self.unit: FloatArray = scale / norms
@@ -733,7 +733,7 @@ class UncertaintyBudget:
 
     @property
     def spread(self) -> Spread:
-        """Stack of uncertainties: the components in turn, the included components' sum, and the sum of all."""
+        """Stack of uncertainties: the components, the sum of the included components, and the sum of all."""
         parts = [*self.components, self.total(), self.total(whole=True)]
         return Spread(np.stack([part.covariance for part in parts]))
 
@@ -771,9 +771,9 @@ def _estimate_model_error(
 ) -> list[BudgetComponent]:
     """Return the component of the model error, as a list of one; an empty list for too few postures.
 
-    The model error is the dispersion over postures beyond the noise of the readings. The covariance of the jackknife contains noise and model
-    error. In units of the noise its eigenvalues are 1 on average for noise alone, and at most
-    ``(1 + √(p/P))²`` (Marchenko & Pastur, 1967); only eigenvalues beyond that limit count as model error.
+    The model error is the dispersion over postures beyond the noise of the readings. The covariance of the
+    jackknife contains noise and model error. In units of the noise its eigenvalues are 1 on average for noise
+    alone, and at most ``(1 + √(p/P))²`` (Marchenko & Pastur, 1967); only larger eigenvalues count.
     """
     fits = left_out.compliance[:, joints]
     fits = fits[np.isfinite(fits).all(axis=1)]

@@ -372,7 +372,7 @@ def estimate_scale(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
     """Return sigma, the chi-square of the targets' residuals, and its degrees of freedom.
 
     For any linear unbiased ĉ of covariance C, ``E[χ²] = rows − 2 p + tr(AᵀΣ⁻¹A C)``, which is rows − p for
-    weighted least squares; so sigma is computed from the same readings for all methods. With a prior, p is the number of
+    weighted least squares; so all methods get sigma from the same readings. With a prior, p is the number of
     parameters that the readings, not the prior, determine.
 
     Args:
@@ -559,7 +559,7 @@ class _HuberProblem:
         )
 
     def state_weighted(self, weight: FloatArray) -> IdentificationProblem:
-        """Return the least-squares problem with weights (K,) of the targets' readings, under the constraints."""
+        """Return the least-squares problem with weights (K,) of the targets, under the constraints."""
         rows = (np.sqrt(weight)[:, None, None] * self.rows).reshape(-1, self.rows.shape[2])
         R = compute_triangular_factor(np.vstack([rows, self.squared]))
         return self.state_problem(Spectrum(R[:, :-1]), R[:, -1])

@@ -72,7 +72,7 @@ class Prior:
         return np.isfinite(self.mean)
 
     def in_units_of(self, sigma: float) -> Prior:
-        """Return the prior with uncertainties divided by sigma, that of one coordinate of one reading [m]."""
+        """Return the prior with uncertainties divided by sigma, the uncertainty of one coordinate [m]."""
         return Prior(self.mean, self.standard_uncertainty / sigma)
 
     def rows(self, joints: IndexArray) -> tuple[FloatArray, FloatArray]:
@@ -105,7 +105,7 @@ class Settings:
 
     @classmethod
     def from_options(cls, options: RunOptions, robot: Robot) -> Settings:
-        """Return the settings of a run's options, with stiffnesses converted to compliances.
+        """Convert the options of a run into settings; stiffnesses become compliances.
 
         Raises:
             RequestError: an option names a joint that the robot does not have, or the order of the joints
@@ -135,7 +135,7 @@ class Settings:
             huber_threshold=options.huber_threshold or DEFAULT_THRESHOLD,
             complementary_stiffness=options.complementary_stiffness == "included",
         )
-        _ = settings.constraints  # refuses contradictions before any work is done
+        _ = settings.constraints  # raises RequestError for contradictions before any work is done
         return settings
 
     @cached_property
@@ -162,7 +162,10 @@ def _bounds_from_options(options: RunOptions, robot: Robot, order: Order) -> Bou
 
 
 def _prior_from_options(options: RunOptions, robot: Robot) -> Prior | None:
-    """Return the prior of the compliances, to first order: c₀ = 1/k₀ and s₀ = u(k₀)/k₀²; None without one."""
+    """Return the prior of the compliances that priors of the stiffnesses imply; None without `priors`.
+
+    To first order, a stiffness k₀ with uncertainty u(k₀) gives c₀ = 1/k₀ and s₀ = u(k₀)/k₀².
+    """
     if not options.priors:
         return None
     mean, uncertainty = np.full(robot.n, np.nan), np.full(robot.n, np.inf)
@@ -229,7 +232,7 @@ class Method:
 
     @property
     def is_plain(self) -> bool:
-        """True if the method fits the whitened readings themselves, without a linear map."""
+        """True if the method fits the whitened rows of the readings directly, without a linear map."""
         return self.by_covariance and self.name == "partial_pose"
 
     def rows(self, block: RegressorBlock, whitened: Rows) -> Iterator[StageRows]:
@@ -259,10 +262,10 @@ class Method:
             yield StageRows(fitted, spread)
 
     def _stage_maps(self, block: RegressorBlock) -> list[tuple[FloatArray | None, FloatArray | None]]:
-        """Return for each stage the linear map N of the whitened rows, as a pair with one None at least.
+        """Return for each stage the linear map N of the whitened rows, as a pair of arrays or None.
 
-        The first of the pair maps whole observations (B, m, 3 T), the second single targets (B, T, 3, 3); two
-        None mean the identity.
+        The first array (B, m, 3 T) maps the rows of whole observations, the second (B, T, 3, 3) those of single
+        targets. At most one of them is given; without any, N is the identity.
         """
         part = block.measurements
         by_target = None
@@ -337,7 +340,7 @@ class MethodTriangles:
             jacobian = block.postures.jacobian_at(points)
             self.seen_from_centre.add_seen_from(block, jacobian, np.ones((len(points), 1), dtype=bool))
 
-    def responses(
+    def compute_responses(
         self,
         blocks: Iterable[RegressorBlock],
         terms: Sequence[Term],
@@ -345,9 +348,9 @@ class MethodTriangles:
         joints: IndexArray,
         prior: Prior | None = None,
     ) -> dict[str, FloatArray]:
-        """Return the bias of the estimate by one unit of each unknown of terms that the fit neglects.
+        """Compute the bias of the estimate that one unit of each unknown of neglected terms causes.
 
-        The estimator H is linear without bounds, so the bias is ``H A_term``.
+        Without bounds the estimate is linear, ĉ = H d, so the bias is ``H A_term``.
 
         Args:
             blocks: the observations that were added.
@@ -357,8 +360,8 @@ class MethodTriangles:
             prior: prior of the fit.
 
         Returns:
-            For each term's name the bias (n, k) by its k unknowns [rad/(N·m) per unit]; zero for joints that
-            are not estimated.
+            For each term's name the bias (n, k) that its k unknowns cause [rad/(N·m) per unit]; zero for joints
+            that are not estimated.
         """
         n = len(self.method.joint_names)
         moments: list[FloatArray | float] = [0.0] * len(self.stages)
@@ -457,9 +460,9 @@ def find_spherical_wrist(robot: Robot) -> Wrist:
 def find_length_of_least_condition(
     method: Method, blocks: Iterable[RegressorBlock], null: BoolArray
 ) -> float:
-    """Return the length L that minimises the condition number of the rows [A_v / L; A_ω] (Khan & Angeles).
+    """Return the length L [m] that minimises the condition number of the rows [A_v / L; A_ω].
 
-    This weighting is the baseline of the paper (method.md §3). Columns are first scaled to unit norm, as for
+    A_v are the rows of displacements, A_ω those of rotations (Khan & Angeles; method.md §3). Columns are first scaled to unit norm, as for
     the solution: otherwise the spread of the torques between arm and wrist dominates, and the least condition
     number is at an infinite length.
 
