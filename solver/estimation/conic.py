@@ -177,7 +177,10 @@ def solve_cone(program: SemidefiniteProgram, *, gap: float, accepted: float | No
     """
 
     def propose_solutions() -> Iterator[ConeSolution]:
-        """Yield points with certificates by ever tighter tolerances, in units of readings and of residual."""
+        """Yield certified candidates, with Clarabel's tolerance made tighter and tighter.
+
+        At each tolerance the program is stated in units of the readings, and then of the residual.
+        """
         T, z = program.fit.compressed
         left = max(float(np.linalg.norm(z - T @ program.fit.near)), _LEAST_UNIT)
         for tolerance in _CONE_LADDER:
@@ -206,7 +209,7 @@ def solve_robust(program: RobustProgram, *, gap: float, accepted: float | None =
     """
 
     def propose_solutions() -> Iterator[ConeSolution]:
-        """Yield points with their certificates by ever tighter tolerances."""
+        """Yield points with their certificates, with Clarabel's tolerance made tighter and tighter."""
         penalty, root = program.loss.cone.penalty(program.weight), np.sqrt(program.threshold)
         data = {"p": penalty, "root": np.array([root])}
         for tolerance in _NORMS_TOLERANCES:
@@ -219,14 +222,14 @@ def solve_robust(program: RobustProgram, *, gap: float, accepted: float | None =
     return _select_certified(propose_solutions(), gap, accepted)
 
 
-def _select_certified(propose_solutions: Iterable[_Proven], gap: float, accepted: float | None) -> _Proven:
-    """Return the first feasible solution with a gap of at most `gap`, or else the best if accepted.
+def _select_certified(proposals: Iterable[_Proven], gap: float, accepted: float | None) -> _Proven:
+    """Return the first feasible proposal with a gap of at most `gap`, else the one with the least gap.
 
     Raises:
         SolverError: no feasible solution has a gap of at most `accepted`, or `gap` if None.
     """
     best: _Proven | None = None
-    for solution in propose_solutions:
+    for solution in proposals:
         better = best is None or solution.certificate.gap < best.certificate.gap
         if better and solution.certificate.primal == 0.0:
             best = solution
@@ -242,7 +245,7 @@ def _select_certified(propose_solutions: Iterable[_Proven], gap: float, accepted
 
 
 def certify_cone(program: SemidefiniteProgram, x: FloatArray) -> Certificate:
-    """Return the certificate of a point x (p,) by its duality gap, however x was found.
+    """Return the certificate of a point x (p,): its duality gap proves how near x is to the optimum.
 
     For any ν with slack ``s = p + Rᵀν`` in the dual cone, ``−‖ν‖²/4 − νᵀz`` is below the optimum, and the
     objective at x is above that by ``‖ν/2 − r‖² + sᵀx`` with r = R x − z: a sum of what is not negative.
@@ -257,7 +260,7 @@ def certify_cone(program: SemidefiniteProgram, x: FloatArray) -> Certificate:
 
 
 def certify_robust(program: RobustProgram, x: FloatArray, dual: FloatArray) -> Certificate:
-    """Return the certificate of a point x by its duality gap, however x and the dual were found.
+    """Return the certificate of a point x: its duality gap proves how near x is to the optimum.
 
     For any ν with ‖ν_i‖ ≤ 1 and the slack ``s = p + Aᵀν`` in the dual cone, ``−Σ (ν_iᵀd_i + h‖ν_i‖²/2)`` is
     below the optimum. The objective at x is above that by ``Σ [ρ(r_i) + h‖ν_i‖²/2 − ν_iᵀr_i] + sᵀx`` with
@@ -299,7 +302,8 @@ def _make_dual_feasible(
         dual: nearly feasible ν, (m,) for squared residuals, or (K, 3) with norms of at most one.
 
     Returns:
-        Feasible ν of the same shape, the violation of the dual cone before over λ, and the slack s (p,).
+        Feasible ν in the shape of `dual`, the violation of the dual cone before the shrinking, divided by λ,
+        and the slack s (p,).
     """
     penalty, moved = cone.penalty(weight), dual.ravel()
     free = rows[:, : cone.free].T
@@ -331,7 +335,7 @@ def _compute_complementarity(slack: FloatArray, x: FloatArray, cone: Cone, round
 def compute_penalised_range(
     program: SemidefiniteProgram, x: FloatArray, rise: float, functions: FloatArray
 ) -> FloatArray:
-    """Return the ranges of linear functions over all points whose objective is near its optimum.
+    """Return the ranges of linear functions over all points whose objective exceeds the optimum by a rise.
 
     ``min, max aᵀy subject to ‖R y − z‖² + pᵀy ≤ ‖R x − z‖² + pᵀx + rise``, y in the cone.
 
@@ -403,7 +407,7 @@ class _BlockFace:
         return to_vector(np.array(matrices)).T if matrices else np.zeros((size, 0))
 
     def take_step(self, step: FloatArray) -> FloatArray | None:
-        """Return the block as a vector after a tangent step (d,), of the same rank; None outside the cone."""
+        """Return the block of the same rank after a tangent step (d,), as a vector; None outside the cone."""
         if not len(self.core):
             return np.zeros(len(self.basis))
         tangent = to_matrix(self.basis @ step, len(self.U))
@@ -471,9 +475,10 @@ class Face:
         self.hessian[np.diag_indices_from(self.hessian)] += _RIDGE * self.hessian.diagonal().max(initial=0.0)
 
     def step(self) -> FloatArray | None:
-        """Return the point (p,) after one step of Newton's method; None if the step leaves the cone or fails.
+        """Return the point (p,) after one step of Newton's method on the face.
 
-        The point may be worse; its certificate decides.
+        The result is None if the step leaves the cone or fails. The point may be worse than before, so it needs
+        a certificate.
         """
         try:
             step = np.asarray(np.linalg.solve(self.hessian, -(self.basis.T @ self._slack)), dtype=np.float64)
@@ -490,17 +495,17 @@ class Face:
 
 
 def compute_effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> FloatArray:
-    """Return the effective number of parameters: the divergence of the fitted readings (Stein 1981).
+    """Return the effective number of parameters of a penalised fit: a divergence of fitted readings (Stein 1981).
 
-    ``Σ_k ∂(R x)_k / ∂z_k = tr(H⁻¹ 2 RᵀR)`` on the face of the optimum, H with the bend of the penalty.
+    ``Σ_k ∂(R x)_k / ∂z_k = tr(H⁻¹ 2 RᵀR)`` on the face of the optimum, H the Hessian of the objective.
 
     Args:
         program: program with squared residuals.
         x: (p,) optimum of the program.
 
     Returns:
-        (p,) effective number of parameters by each scalar, and by each block at its first parameter; the sum
-        is the total.
+        (p,) the part of each scalar, and of each block at the block's first entry, zero elsewhere; the sum is
+        the effective number of parameters.
     """
     face, freedom = Face(program, x), np.zeros(len(x))
     shares = np.diagonal(np.linalg.solve(face.hessian, face.information))
@@ -512,7 +517,7 @@ def compute_effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> Fl
 
 @dataclass(frozen=True, eq=False)
 class MassCones:
-    """Cones of products c η of a compliance with unknowns in a box, one block for each joint.
+    """Set of the products c π of a compliance c and unknown masses and moments π, one block for each joint.
 
     Unknowns π in a box and in balls, each multiplied by its joint's own c ≥ 0, lie in a convex cone: the
     perspective of that set (Boyd & Vandenberghe 2004, §3.2.6). In units of the half-widths a block of x is
@@ -530,7 +535,7 @@ class MassCones:
         return np.cumsum([0, *sizes[:-1]])
 
     def minimise_linear_function(self, s: FloatArray) -> float:
-        """Return the least value of sᵀx over the set, zero or negative, in closed form.
+        """Return the least value of the linear function sᵀx over the set: zero or negative, in closed form.
 
         For each block the least value is ``cap · min(0, s_c − h(s))``, h the support function of the block's
         set at c = 1. So any residual gives a lower bound of an optimum, by arithmetic alone.
@@ -547,7 +552,7 @@ class MassCones:
         return total
 
     def move_into_set(self, x: FloatArray) -> FloatArray:
-        """Return a point of the set near x: entries outside the limits are moved to them, block by block."""
+        """Return a point (p,) of the set near x (p,): entries outside their limits are moved onto the limits."""
         x = x.copy()
         for start, block, cap in zip(self.first.tolist(), self.blocks, self.cap.tolist(), strict=True):
             c = x[start] = min(max(x[start], 0.0), cap)
@@ -562,7 +567,10 @@ class MassCones:
 
 @dataclass(frozen=True, eq=False)
 class MassConeSolution(ConeSolution):
-    """Optimum of `solve_mass_cones`; the certificate's gap bounds the excess of the loss, with ‖b‖ = 1."""
+    """Optimum of least squares ‖A x − b‖² over the set of a `MassCones`.
+
+    The gap of the certificate bounds the excess of the loss over its least value, for ‖b‖ = 1.
+    """
 
     loss: float  #: ‖A x − b‖² at the optimum
 
@@ -587,7 +595,7 @@ def solve_mass_cones(A: FloatArray, b: FloatArray, cones: MassCones) -> MassCone
     program = convex.state_mass_cones(len(b), cones.blocks)
 
     def propose_solutions() -> Iterator[MassConeSolution]:
-        """Yield points with their certificates, tolerance by tolerance."""
+        """Yield points with their certificates, one for each tolerance that Clarabel reaches."""
         for tolerance in _WEIGHED_TOLERANCES:
             point = program.solve({"A": A, "b": b / size, "cap": cones.cap / size}, tolerance)
             if point is not None:
@@ -605,7 +613,7 @@ def solve_mass_cones(A: FloatArray, b: FloatArray, cones: MassCones) -> MassCone
 def bound_compliances(
     A: FloatArray, b: FloatArray, optimum: MassConeSolution, rise: float, cones: MassCones
 ) -> FloatArray:
-    """Return bounds of each block's c over all points of the set with ``‖A x − b‖² ≤ loss + rise``.
+    """Return bounds of each joint's compliance c over all x of the set with ``‖A x − b‖² ≤ loss + rise``.
 
     For any u: ``aᵀy ≥ uᵀb − ‖u‖ + min (a − Aᵀu)ᵀy`` for all y with ‖A y − b‖ ≤ 1. A second round uses the
     upper bounds of the first as caps, which sharpens the bounds.
@@ -613,7 +621,7 @@ def bound_compliances(
     Args:
         A: (rows, p) regressor.
         b: (rows,) readings.
-        optimum: result of `solve_mass_cones` for the same A and b.
+        optimum: optimum of ‖A x − b‖² over the set.
         rise: allowed increase of the loss, positive.
         cones: set of x.
 

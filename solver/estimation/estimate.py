@@ -175,7 +175,7 @@ class _Ball:
     """Likelihood around its centre in equilibrated variables x, as ``‖A x‖²``, with the constraints."""
 
     def __init__(self, likelihood: Likelihood, constraints: Constraints, scale: float) -> None:
-        """Scale the likelihood and the constraints: ``c = ĉ + unit · x`` and ``‖R (c − ĉ)‖ = scale ‖A x‖``."""
+        """Scale likelihood and constraints: ``c = ĉ + unit · x`` and ``‖R (c − ĉ)‖ = scale ‖A x‖``."""
         rows, centre = likelihood.rows, likelihood.centre
         norms = np.linalg.norm(rows, axis=0)
         self.unit: FloatArray = scale / norms
@@ -546,7 +546,11 @@ class Evidence:
             reason = _NO_UNCERTAINTY
         elif uncertainty is not None and ends[0, 0] <= 0.0 <= ends[0, 1]:
             status = "uncertain"
-            size = "exceeds the compliance itself" if uncertainty >= abs(value) else "leaves no upper limit"
+            size = (
+                "exceeds the compliance itself"
+                if uncertainty >= abs(value)
+                else "leaves its stiffness without an upper limit"
+            )
             reason = (
                 f"{self.describe_lower_limit(j, ends)}the standard uncertainty of its compliance, "
                 f"{1e6 * uncertainty:.2g} {units.micro_compliance}, {size}: add loads with more {units.load} "
@@ -624,7 +628,7 @@ class Evidence:
 _LEAST_POSTURES: Final = 2
 """Number of postures, beyond that of the joints, needed to separate model error from noise."""
 _NO_UPPER_END = (
-    "if single postures are left out, its stiffness has no upper limit: something besides the joints bends"
+    "its stiffness has no upper limit if single postures are left out: something besides the joints bends"
 )
 
 
@@ -822,8 +826,8 @@ class Prediction:
     #: what bends in addition to the joints; None for nothing
     bending: Literal["links", "base", "links_or_base"] | None = None
     joined: bool = True  #: for `links_or_base`: whether the intervals contain the values of both models
-    #: (N, n) deflections ``δθ = diag(τ) c`` of the joints behind their gearboxes [rad]; None where links or the
-    #: base bend, too
+    #: (N, n) deflections ``δθ = diag(τ) c`` of the joints behind their gearboxes [rad]; None where links or
+    #: the base bend, too
     encoders: FloatArray | None = None
 
     @classmethod

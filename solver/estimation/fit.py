@@ -403,7 +403,7 @@ class SigmaTest:
 
 
 def sigma_test(chi_square: float, degrees_of_freedom: float) -> SigmaTest | None:
-    """Test a stated sigma against the chi-square of the residuals, two-sided; None without degrees of freedom."""
+    """Test a stated sigma against the residuals, two-sided; None without degrees of freedom."""
     if degrees_of_freedom < _LEAST_FREEDOM:
         return None
     tails = special.chdtr(degrees_of_freedom, chi_square), special.chdtrc(degrees_of_freedom, chi_square)

@@ -264,8 +264,8 @@ class Method:
     def _stage_maps(self, block: RegressorBlock) -> list[tuple[FloatArray | None, FloatArray | None]]:
         """Return for each stage the linear map N of the whitened rows, as a pair of arrays or None.
 
-        The first array (B, m, 3 T) maps the rows of whole observations, the second (B, T, 3, 3) those of single
-        targets. At most one of them is given; without any, N is the identity.
+        The first array (B, m, 3 T) maps the rows of whole observations, the second (B, T, 3, 3) the rows of
+        single targets. At least one of them is None; if both are, N is the identity.
         """
         part = block.measurements
         by_target = None
@@ -360,8 +360,8 @@ class MethodTriangles:
             prior: prior of the fit.
 
         Returns:
-            For each term's name the bias (n, k) that its k unknowns cause [rad/(N·m) per unit]; zero for joints
-            that are not estimated.
+            For each term's name the bias (n, k) that its k unknowns cause [rad/(N·m) per unit]; zero for
+            joints that are not estimated.
         """
         n = len(self.method.joint_names)
         moments: list[FloatArray | float] = [0.0] * len(self.stages)
@@ -462,9 +462,9 @@ def find_length_of_least_condition(
 ) -> float:
     """Return the length L [m] that minimises the condition number of the rows [A_v / L; A_ω].
 
-    A_v are the rows of displacements, A_ω those of rotations (Khan & Angeles; method.md §3). Columns are first scaled to unit norm, as for
-    the solution: otherwise the spread of the torques between arm and wrist dominates, and the least condition
-    number is at an infinite length.
+    A_v are the rows of displacements, A_ω those of rotations (Khan & Angeles; method.md §3). Columns are
+    first scaled to unit norm, as for the solution: otherwise the spread of the torques between arm and wrist
+    dominates, and the least condition number is at an infinite length.
 
     Args:
         method: complete pose with a length of 1 m.

@@ -52,7 +52,7 @@ class Combination:
         return " and ".join(_sum_in_words(row, self.joints, names) for row in self.seen)
 
     def reason(self, names: tuple[str, ...]) -> str:
-        """Return why these joints have no stiffness, with the remedy; `names` are those of all joints."""
+        """Return why these joints have no stiffness, with a remedy; `names` has the names of all joints."""
         together = ", ".join(names[joint] for joint in self.joints)
         return (
             f"only a combination of {together} is observable, {self.in_words(names)}: add postures in "
@@ -72,7 +72,7 @@ class WeakDirection:
     attenuation: float
 
     def in_words(self, names: tuple[str, ...]) -> str:
-        """Return a sentence: which joints are hard to distinguish; `names` are those of all joints."""
+        """Return a sentence on the joints that are hard to distinguish; `names` has the names of all joints."""
         together = ", ".join(names[joint] for joint in self.joints)
         change = " : ".join(f"{part:+.2g}" for part in self.change)
         return (
@@ -105,7 +105,7 @@ def split_null_space(
 def _describe_combination(
     null_space: FloatArray, scale: FloatArray, group: IndexArray, columns: IndexArray
 ) -> Combination:
-    """Return a group of joints with the sums of their compliances that the readings determine.
+    """Return a group of joints with the weighted sums of their compliances that the readings determine.
 
     A sum w is determined if no null direction changes it. With the null directions ν (k, m) and k joints f
     chosen, ``w = e_i + Σ_f w_f e_f`` and ``ν w = 0`` give ``w_f = −ν_f⁻¹ ν_i`` for each other joint i.
@@ -180,13 +180,13 @@ class Excitation:
         self._deflection = 0.0
 
     def add(self, block: RegressorBlock) -> None:
-        """Add a block of observations, with the block's targets as the points whose motion is seen."""
+        """Add a block of observations, in which the targets show the motion of the joints."""
         self.add_seen_from(block, block.jacobian, block.measurements.present)
 
     def add_seen_from(self, block: RegressorBlock, jacobian: FloatArray, present: BoolArray) -> None:
-        """Add a block of observations, with any points, and the joints' encoders, as what is seen to move.
+        """Add a block of observations, in which any points and the encoders show the motion of the joints.
 
-        An encoder counts like a target at the lever where target and encoder have the same weight.
+        An encoder counts like a target at that distance from the axis at which both have equal weights.
 
         Args:
             block: B observations.
@@ -224,13 +224,13 @@ class Excitation:
         return Observability(
             null=null,
             reference_compliance=np.sqrt(self._deflection / potential),
-            reasons=tuple(self._reason(j) if null[j] else None for j in range(len(null))),
+            reasons=tuple(self._explain_no_effect(j) if null[j] else None for j in range(len(null))),
             excitation=np.sqrt(self._column / potential),
             greatest_torque=self._greatest_torque,
             kinds=self._kinds,
         )
 
-    def _reason(self, joint: int) -> str:
+    def _explain_no_effect(self, joint: int) -> str:
         """Return why a joint has no effect on the readings, with a remedy."""
         words = JOINT_UNITS[self._kinds[joint]]
         # A load on the joint's own axis has no lever, so the greatest lever of all joints sets the limit.
@@ -267,9 +267,10 @@ class Spectrum:
         singular_values: (p,) largest first.
         scale: (p,) norms of the columns, 1 where a norm is zero.
         weakest: (p,) singular vector of the least singular value, for columns of unit norm.
-        null_space: (p − rank, p) orthonormal directions without effect on the readings, likewise.
-        determined: (m, p) the regressor without those directions, so that no fit follows rounding
-            along them; the regressor itself where the rank is full.
+        null_space: (p − rank, p) orthonormal directions without effect on the readings, for columns of unit
+            norm.
+        determined: (m, p) the regressor with the directions of `null_space` removed, so that no fit follows
+            rounding; the regressor itself where the rank is full.
         inverse: (p, m) pseudo-inverse of the regressor.
         seen: (rank, p) functions of the compliances that the readings determine, one a row.
     """
@@ -330,12 +331,12 @@ def analyse_spectrum(spectrum: Spectrum, columns: IndexArray) -> Identifiability
 def explain_noise(
     joint: int, names: tuple[str, ...], observability: Observability, uncertainty: float
 ) -> str:
-    """Return a sentence: why noise hides a joint that the readings depend on, with the remedy.
+    """Return a sentence on why noise hides a joint that the readings depend on, with a remedy.
 
     Args:
         joint: index of the joint.
-        names: of the n joints.
-        observability: of the same observations.
+        names: names of the n joints.
+        observability: observability of the joints in the same observations.
         uncertainty: standard uncertainty of the joint's compliance [rad/(N·m)].
     """
     torque, most = observability.greatest_torque, int(np.argmax(observability.greatest_torque))

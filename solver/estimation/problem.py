@@ -62,7 +62,7 @@ class Bounds:
         return Bounds(self.lower / unit, self.upper / unit)
 
     def support_at(self, x: FloatArray) -> Support:
-        """Return for each entry of x: -1 if it equals the lower bound, 1 if it equals the upper bound, else 0."""
+        """Return for each entry of x: -1 if equal to the lower bound, 1 if equal to the upper one, else 0."""
         return np.where(x == self.lower, LOWER, np.where(x == self.upper, UPPER, FREE)).astype(np.int8)
 
     def values_at_bounds(self, active: Support) -> FloatArray:
@@ -155,7 +155,7 @@ class Constraints:
         return Inequalities(identity[pairs[:, 1]] - identity[pairs[:, 0]], np.zeros(len(pairs)))
 
     def select(self, columns: IndexArray) -> Constraints:
-        """Return the constraints on the joints with the ascending indices `columns` (p,), without other joints."""
+        """Return the constraints on the joints with indices `columns` (p,), which are ascending."""
         below = self._implied_order()[np.ix_(columns, columns)]
         below &= ~(below @ below)  # drop pairs that follow from other pairs
         order = tuple((int(i), int(j)) for i, j in np.argwhere(below))

@@ -95,7 +95,7 @@ class Stack:
         return replace(self, rows=unit.reshape(self.rows.shape)), length
 
     def in_units(self, units: Mapping[str, float]) -> Stack:
-        """Return the stack with the unknowns of some terms in new units; their columns are multiplied by the units.
+        """Return the stack with the unknowns of some terms in new units, which multiply their columns.
 
         Args:
             units: new unit, in the present unit, of the unknowns of each term that is named.
