@@ -294,8 +294,9 @@ def report_causes(causes: Sequence[Cause], estimate: Estimate) -> Finding:
     """Return the finding that joints and a cause explain the readings better than joints alone.
 
     Several causes may do so equally well. The weight of the finding is "do_not_use" if the causes make links
-    unnecessary and change a compliance by more than `HARMFUL`. A change by the load point counts only beyond the uncertainty that the intervals already
-    include: an assumed load point includes 10 mm, while a load point stated to 1 mm does not.
+    unnecessary and change a compliance by more than `HARMFUL`. A change by the load point counts only beyond
+    the uncertainty that the intervals already include: an assumed load point includes 10 mm, while a load
+    point stated to 1 mm does not.
     """
     descriptions, remedies, changes, harm = [], [], [0.0], False
     for cause in causes:
@@ -320,9 +321,9 @@ def report_causes(causes: Sequence[Cause], estimate: Estimate) -> Finding:
     return Finding(
         code="alternative_explains_better",
         weight="do_not_use" if links_unnecessary and harm else "use_with_care",
-        message=f"with {', or with '.join(descriptions)}, the joints explain the readings significantly "
-        f"better (F test, p = {max(cause.p_value for cause in causes):.1g}){others}; compliances change by up to "
-        f"{100 * max(changes):.2g} %",
+        message=f"with {', or with '.join(descriptions)}, the joints explain the readings "
+        f"significantly better (F test, p = {max(cause.p_value for cause in causes):.1g}){others}; "
+        f"compliances change by up to {100 * max(changes):.2g} %",
         remedy="; ".join(dict.fromkeys(remedies)),
         action=Action.of(
             "fit_causes", causes=[NamedCause(name=c.suspect.name, first=c.suspect.first) for c in causes]

@@ -477,8 +477,8 @@ class Face:
     def step(self) -> FloatArray | None:
         """Return the point (p,) after one step of Newton's method on the face.
 
-        The result is None if the step leaves the cone or fails. The point may be worse than before, so it needs
-        a certificate.
+        The result is None if the step leaves the cone or fails. The point may be worse than before, so it
+        needs a certificate.
         """
         try:
             step = np.asarray(np.linalg.solve(self.hessian, -(self.basis.T @ self._slack)), dtype=np.float64)
@@ -495,9 +495,10 @@ class Face:
 
 
 def compute_effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> FloatArray:
-    """Return the effective number of parameters of a penalised fit: a divergence of fitted readings (Stein 1981).
+    """Return the effective number of parameters of a penalised fit.
 
-    ``Σ_k ∂(R x)_k / ∂z_k = tr(H⁻¹ 2 RᵀR)`` on the face of the optimum, H the Hessian of the objective.
+    This number is the divergence of the fitted readings (Stein 1981), ``Σ_k ∂(R x)_k / ∂z_k``, which equals
+    ``tr(H⁻¹ 2 RᵀR)`` on the face of the optimum, with H the Hessian of the objective.
 
     Args:
         program: program with squared residuals.
@@ -552,7 +553,7 @@ class MassCones:
         return total
 
     def move_into_set(self, x: FloatArray) -> FloatArray:
-        """Return a point (p,) of the set near x (p,): entries outside their limits are moved onto the limits."""
+        """Return a point (p,) of the set near x (p,): entries beyond a limit are moved onto it."""
         x = x.copy()
         for start, block, cap in zip(self.first.tolist(), self.blocks, self.cap.tolist(), strict=True):
             c = x[start] = min(max(x[start], 0.0), cap)

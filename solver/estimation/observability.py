@@ -72,7 +72,7 @@ class WeakDirection:
     attenuation: float
 
     def in_words(self, names: tuple[str, ...]) -> str:
-        """Return a sentence on the joints that are hard to distinguish; `names` has the names of all joints."""
+        """Return a sentence on joints that are hard to distinguish; `names` are the names of all joints."""
         together = ", ".join(names[joint] for joint in self.joints)
         change = " : ".join(f"{part:+.2g}" for part in self.change)
         return (
