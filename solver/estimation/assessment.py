@@ -223,7 +223,7 @@ def derive_assessment(joints: Sequence[JointCompliance], findings: Iterable[Find
     )
 
 
-_UNDONE: Final[dict[AlternativeKind, tuple[str, str]]] = {
+_ALTERNATIVE_TEXTS: Final[dict[AlternativeKind, tuple[str, str]]] = {
     "columns_exchanged": (
         "the columns of {first} and {last} exchanged",
         "check the columns of {first} and {last}; if they are exchanged, exchange them back",
@@ -263,7 +263,7 @@ def report_alternative(robot: Robot, measurements: Measurements, better: BetterA
         "turn": float(np.degrees(alternative.offset[first])),
         "coupled": "added to" if alternative.matrix[last, first] > 0.0 else "taken from",
     }
-    what, remedy = (text.format(**words) for text in _UNDONE[alternative.kind])
+    what, remedy = (text.format(**words) for text in _ALTERNATIVE_TEXTS[alternative.kind])
     if alternative.target is not None:
         action = Action.of("exchange_load_and_target", target=measurements.targets[alternative.target])
     elif alternative.kind == "columns_exchanged":

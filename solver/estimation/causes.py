@@ -74,11 +74,11 @@ AS_WELL: Final = 6.0
 """Difference of the information criterion below which neither of two causes is preferred."""
 _REFITS: Final = 6
 """Largest number of Gauss-Newton steps towards a cause."""
-_STEADY: Final = 1e-3
+_STEP_TOLERANCE: Final = 1e-3
 """Relative size of a Gauss-Newton step at which the iteration ends."""
-_LEADING: Final = 12
+_MOST_COMBINATIONS: Final = 12
 """Number of combinations of link compliances that are tested: those with the largest deflections."""
-_TESTED: Final = 500
+_MOST_TESTED_OBSERVATIONS: Final = 500
 """Number of observations that suffice for the tests."""
 _LEAST_PART: Final = 4
 """Least number of observations before and after the onset of a cause, or under one of several loads."""
@@ -188,7 +188,7 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
     Only readings of targets are used, not encoders. If the load has no balance or there are no degrees of
     freedom, no test is significant. Causes that were fitted to these measurements before stay in every fit.
     """
-    tested, compliance = measurements.evenly(_TESTED), np.maximum(estimate.compliance, 0.0)
+    tested, compliance = measurements.evenly(_MOST_TESTED_OBSERVATIONS), np.maximum(estimate.compliance, 0.0)
     bending_compliance = compliance if estimate.balanced is None else np.maximum(estimate.balanced, 0.0)
     try:
         block = next(regressor_blocks(robot, tested, bending_compliance))
@@ -262,7 +262,7 @@ def _subtract_named_causes(
         RequestError: the readings do not show a named cause.
         SolverError: a cause implies loads without a balance.
     """
-    part = measurements.evenly(_TESTED)
+    part = measurements.evenly(_MOST_TESTED_OBSERVATIONS)
     block = next(regressor_blocks(robot, part))
     rows = Stack.from_blocks([block], [JOINTS], np.zeros(robot.n)).flat
     compliance, _ = solve_nonnegative(rows[:, :-1], rows[:, -1])
@@ -326,7 +326,7 @@ def _fit_causes_with_joints(
         determined = found.root.shape[1]
         errors = FittedErrors(tuple(terms), tuple(np.split(unknowns, ends)), root, determined)
         fitted = _FittedCauses(errors, compliance, triangles)
-        if np.linalg.norm((unknowns - before) / size) <= _STEADY * np.linalg.norm(unknowns / size):
+        if np.linalg.norm((unknowns - before) / size) <= _STEP_TOLERANCE * np.linalg.norm(unknowns / size):
             break
         remaining = _subtract_errors(robot, part, errors, compliance)
     return fitted
@@ -584,7 +584,7 @@ class _Triangles:
     @property
     def _leading_count(self) -> int:
         """Number of combinations of link compliances to test, fewer if there are few readings."""
-        return max(0, min(_LEADING, (self.stated.rows - len(self._visible)) // 3))
+        return max(0, min(_MOST_COMBINATIONS, (self.stated.rows - len(self._visible)) // 3))
 
     @property
     def sigma(self) -> float:
@@ -633,9 +633,9 @@ LEAST_COMPENSATION: Final = 0.7
 tried."""
 _MAPPED_JOINTS: Final = 7
 """Number of joints up to which whole joint maps are tried: each further joint doubles the number of maps."""
-_COMPARED: Final = 60
+_MOST_COMPARED_OBSERVATIONS: Final = 60
 """Number of observations that suffice to find a mistake that all observations share."""
-_SCREENED: Final = 3
+_PRESELECTION_COORDINATES: Final = 3
 """Number of coordinates, for each joint, in the observations that preselect alternatives."""
 _MOST_TARGETS: Final = 8
 _READINGS: Final = 24_576
@@ -687,7 +687,7 @@ def _find_best_alternative(
 ) -> tuple[BetterAlternative | None, float]:
     """Return the best significant alternative, or None, and the compensation of the data as given."""
     affordable = _READINGS // (measurements.present.shape[1] * (len(alternatives) + 1))
-    part = measurements.evenly(max(1, min(_COMPARED, affordable)))
+    part = measurements.evenly(max(1, min(_MOST_COMPARED_OBSERVATIONS, affordable)))
     # A rigid flange moves by six coordinates at most.
     coordinates = int(np.minimum(part.coordinates.sum(axis=1), 6).sum())
     freedom = coordinates - robot.n
@@ -697,7 +697,7 @@ def _find_best_alternative(
     quantile = float(special.fdtri(robot.n, freedom, 1.0 - FALSE_ALARM / len(alternatives)))
     ratio = min(LARGEST_RATIO, 1.0 / (1.0 + robot.n * quantile / freedom))
     # Some of the observations select the alternatives to examine.
-    preselection = part.evenly(math.ceil(_SCREENED * robot.n * len(part) / coordinates))
+    preselection = part.evenly(math.ceil(_PRESELECTION_COORDINATES * robot.n * len(part) / coordinates))
     rows = _build_rows(robot, preselection, alternatives)
     as_given, given_compensation = _fit_nonnegative_compliances(rows[0])
     alternatives = [

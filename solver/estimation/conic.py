@@ -56,9 +56,9 @@ _ROUNDING: Final = 1e-12
 """Tolerance relative to the largest entry: a smaller eigenvalue counts as zero."""
 _RIDGE: Final = 1e-13
 """Regularisation of the Hessian, relative to its largest diagonal entry: undetermined directions stay put."""
-_UNSEEN: Final = 1e-10
+_NULL_SINGULAR_VALUE: Final = 1e-10
 """Singular value, relative to the greatest, that is rounding of columns that depend on each other."""
-_OPEN: Final = 1e-6
+_OUTSIDE_SPAN: Final = 1e-6
 """Share of a function outside the span of the readings that is rounding."""
 _LEAST_RADIUS: Final = 1e-6
 """Radius of the ball of `bound_compliances`, relative to ‖b‖, below which Clarabel's rounding shows: exact
@@ -374,11 +374,11 @@ def compute_unconstrained_range(squares: LeastSquares, functions: FloatArray, ra
         (K, 2) least and greatest values; NaN where the readings do not determine a function.
     """
     left, singular, right = np.linalg.svd(squares.R, full_matrices=False)
-    seen = singular > _UNSEEN * singular[0]
+    seen = singular > _NULL_SINGULAR_VALUE * singular[0]
     right, inverse = right[seen], functions @ (right[seen].T / singular[seen])
     middle, half = inverse @ (left[:, seen].T @ squares.z), radius * np.linalg.norm(inverse, axis=1)
     outside = np.linalg.norm(functions - functions @ right.T @ right, axis=1)
-    half[outside > _OPEN * np.linalg.norm(functions, axis=1)] = np.nan
+    half[outside > _OUTSIDE_SPAN * np.linalg.norm(functions, axis=1)] = np.nan
     return np.column_stack([middle - half, middle + half])
 
 

@@ -67,7 +67,7 @@ _NO_DIRECTION = 1e-13
 """Relative singular value that counts as zero."""
 _AT_BOUND = 1e-9
 """Distance from a joint to its own bound, in units of the ball's radius, that counts as zero."""
-_STANDS_STILL = 1e-13
+_NO_MOVEMENT = 1e-13
 """Movement of a joint on a face, relative to the movement without constraints, that is rounding."""
 _VIOLATION = 1e-9
 """Tolerance of an inequality, in units of the ball's radius."""
@@ -240,7 +240,7 @@ class _Ball:
             x, step = self.find_optima(s[pending], objective[pending], pull[pending])
             reached = np.square(x @ self.A.T).sum(axis=1)
             slope = (objective[pending] * step).sum(axis=1)
-            slope = np.where(slope > _STANDS_STILL * free_slope[pending], slope, 0.0)
+            slope = np.where(slope > _NO_MOVEMENT * free_slope[pending], slope, 0.0)
             above_least = (objective[pending] * x).sum(axis=1) - least_in_box[pending]
             at_least = above_least <= _AT_BOUND * np.maximum(1.0, np.abs(x).max(axis=1))
             goal = radius2[pending]

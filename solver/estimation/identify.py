@@ -35,12 +35,12 @@ from jointstiff.solver.mechanics.terms import TERMS
 MAX_ITERATIONS: Final = 20
 """Maximum number of fits with K_c: each shrinks the change by the ratio of K_c to the joint stiffness,
 typically 1/1000."""
-_STILL: Final = 1e-10
+_CHANGE_TOLERANCE: Final = 1e-10
 """Largest expected relative change of the compliances by further fits at which the iteration ends."""
-_FAR_BELOW: Final = 1e-4
+_CHANGE_IN_UNCERTAINTIES: Final = 1e-4
 """Largest such change in standard uncertainties, sigma being from the residuals; for readings without noise
-the uncertainty is zero, and `_STILL` decides."""
-_SHRINKS: Final = 1e-3
+the uncertainty is zero, and `_CHANGE_TOLERANCE` decides."""
+_LEAST_SHRINKAGE: Final = 1e-3
 """Least factor by which a fit is assumed to shrink the change: the ratio of K_c to the joint stiffness."""
 SHIFT_OBSERVATIONS: Final = 4096
 """Maximum number of observations from which the effect of neglecting K_c is estimated."""
@@ -277,7 +277,10 @@ def _iterate_to_convergence(
         change = np.abs(last.fit.compliance - current.fit.compliance)
         size = np.maximum(np.abs(last.fit.compliance), reference)
         uncertainty = last.noise() * np.sqrt(np.diagonal(last.fit.covariance))
-        if (change * max(shrinks, _SHRINKS) <= np.maximum(_STILL * size, _FAR_BELOW * uncertainty)).all():
+        if (
+            change * max(shrinks, _LEAST_SHRINKAGE)
+            <= np.maximum(_CHANGE_TOLERANCE * size, _CHANGE_IN_UNCERTAINTIES * uncertainty)
+        ).all():
             return last, rounds
         current = last
     raise SolverError(

@@ -26,11 +26,11 @@ the square of its inverse, which covariances hold, would drown in rounding.
 HARD_TO_TELL = 100.0
 """Condition number above which results are unreliable (Schröer et al. 1992, as quoted by
 Nahvi & Hollerbach 1996)."""
-_PARTICIPATES = 1e-6
+_INVOLVED_PART = 1e-6
 """Component of a unit vector in a null space above which a joint belongs to a combination."""
-_MATTERS = 0.1
+_RELEVANT_PART = 0.1
 """Coefficient, relative to the largest one, below which a joint is not mentioned."""
-_UNSPOKEN = 0.005
+_NOT_PRINTED = 0.005
 """Coefficient below which a joint is left out of a printed sum."""
 
 
@@ -95,7 +95,7 @@ def split_null_space(
     if not len(null_space):
         return ()
     # The projector onto the null space does not depend on the basis, and is block diagonal over the groups.
-    linked = np.abs(null_space.T @ null_space) > _PARTICIPATES
+    linked = np.abs(null_space.T @ null_space) > _INVOLVED_PART
     _, labels = connected_components(coo_array(linked), directed=False)
     involved = linked.diagonal()
     groups = [np.flatnonzero((labels == label) & involved) for label in np.unique(labels[involved])]
@@ -118,7 +118,7 @@ def _describe_combination(
     rest, pivots = null, list[int]()
     for _ in range(len(null)):
         norms = np.linalg.norm(rest, axis=0)
-        last = int(np.flatnonzero(norms > _MATTERS * norms.max())[-1])
+        last = int(np.flatnonzero(norms > _RELEVANT_PART * norms.max())[-1])
         along = rest[:, last] / norms[last]
         rest = rest - np.outer(along, along @ rest)
         pivots.append(last)
@@ -135,7 +135,7 @@ def _sum_in_words(row: FloatArray, joints: tuple[int, ...], names: tuple[str, ..
     """Return a weighted sum of compliances as text, such as ``c(joint_4) + 0.8 c(joint_6)``."""
     words = ""
     for part, joint in zip(row.tolist(), joints, strict=True):
-        if abs(part) < _UNSPOKEN:
+        if abs(part) < _NOT_PRINTED:
             continue
         size = f"{abs(part):.2g}"
         sign = "-" if part < 0 else "+" if words else ""
@@ -297,7 +297,7 @@ class Spectrum:
 
     def deviation(self, column: int) -> float | None:
         """Return the standard uncertainty of a column's unknown; None where the rows do not determine it."""
-        if (self.null_space[:, column] ** 2).sum() > _PARTICIPATES:
+        if (self.null_space[:, column] ** 2).sum() > _INVOLVED_PART:
             return None
         return float(np.linalg.norm(self.inverse[column]))
 
@@ -314,7 +314,7 @@ def analyse_spectrum(spectrum: Spectrum, columns: IndexArray) -> Identifiability
     condition, weakest = float(singular[0] / singular[-1]) if full else float("inf"), None
     if full and condition > HARD_TO_TELL:
         direction = spectrum.weakest
-        parts = np.flatnonzero(np.abs(direction) > _MATTERS * np.abs(direction).max())
+        parts = np.flatnonzero(np.abs(direction) > _RELEVANT_PART * np.abs(direction).max())
         change = direction[parts] / spectrum.scale[parts]
         # The sign of a singular vector is arbitrary: choose that in which the first joint's part is positive.
         change = change * (np.sign(change[0]) / np.abs(change).max())

@@ -171,7 +171,7 @@ class Draws:
         refuse_nonlinear(joints.stated)
         if plan.size > count:
             raise RequestError(
-                f"a draw of {plan.size} configurations exceeds the set's {count}",
+                f"a draw of {plan.size} configurations is larger than the measurement set, which has {count}",
                 where="resampling.size",
                 remedy=f"set `size` to at most {count}",
             )

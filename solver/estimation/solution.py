@@ -39,7 +39,7 @@ LEAST_EIGENVALUE: Final = 1e-6
 answer."""
 _ROUNDING: Final = 64 * np.finfo(float).eps
 """Rounding of a gradient, relative to the largest variable."""
-_TOUCHES: Final = 1e-6
+_ACTIVE_SLACK: Final = 1e-6
 """Largest slack of an interior point at a row that is active at the optimum."""
 
 
@@ -211,7 +211,7 @@ def _propose_by_clarabel(scaled: Scaled) -> Iterator[_Proposal]:
     if near is None:
         return
     if len(scaled.d):  # active rows have a positive multiplier, and the answer nearly touches them
-        rows = scaled.multipliers_at(near, _TOUCHES) > 0
+        rows = scaled.multipliers_at(near, _ACTIVE_SLACK) > 0
         if rows[-len(scaled.d) :].any():
             yield from _propose_on_rows(scaled, rows, near, "clarabel")
             return
