@@ -498,16 +498,16 @@ class _OnsetFits:
         The observation that the term explains most is left out, as it may be a single wrong reading.
         """
         count = len(self._read)
-        moved = self._X @ self._unknowns[np.arange(len(first)), first][:, None]
-        moved = np.where(np.arange(count)[:, None, None] >= first[:, None, None, None], moved, 0.0)
+        motion = self._X @ self._unknowns[np.arange(len(first)), first][:, None]
+        motion = np.where(np.arange(count)[:, None, None] >= first[:, None, None, None], motion, 0.0)
         # The known terms absorb part of the motion by the term.
-        absorbed = self._known @ np.einsum("brk,sbrl->skl", self._known, moved)[:, None]
-        before, after = np.square(self._left), np.square(self._left - moved + absorbed)
-        before, gain = before.sum(axis=(1, 2)), (before - after).sum(axis=(2, 3))
+        absorbed = self._known @ np.einsum("brk,sbrl->skl", self._known, motion)[:, None]
+        squares, squares_with_term = np.square(self._left), np.square(self._left - motion + absorbed)
+        squares, gain = squares.sum(axis=(1, 2)), (squares - squares_with_term).sum(axis=(2, 3))
         others = np.arange(count) != np.argmax(gain, axis=1)[:, None]
         freedom = (others * self._read).sum(axis=1) - self._known.shape[-1] - self._width
         explained = np.maximum((others * gain).sum(axis=1), 0.0)
-        residual = np.maximum((others * before).sum(axis=1) - explained, 1e-300)
+        residual = np.maximum((others * squares).sum(axis=1) - explained, 1e-300)
         divisor = np.maximum(freedom, 1)  # without freedom the p-value is 1, see below
         p = special.fdtrc(self._width, divisor, explained / self._width / (residual / divisor))
         return np.where(freedom < 1, 1.0, p)
@@ -804,6 +804,7 @@ def _fit_nonnegative_compliances(rows: FloatArray) -> tuple[float, float]:
     """
     A, d = rows[:, :-1], rows[:, -1]
     residual = d - A @ solve_nonnegative(A, d)[0]
-    left = np.linalg.norm(residual.reshape(-1, 3), axis=1).sum()
-    moved = np.linalg.norm(d.reshape(-1, 3), axis=1).sum()
-    return float(residual @ residual), float(1.0 - left / moved) if moved > 0.0 else 0.0
+    residual_length = np.linalg.norm(residual.reshape(-1, 3), axis=1).sum()
+    deflection_length = np.linalg.norm(d.reshape(-1, 3), axis=1).sum()
+    explained = float(1.0 - residual_length / deflection_length) if deflection_length > 0.0 else 0.0
+    return float(residual @ residual), explained

@@ -124,8 +124,8 @@ class SemidefiniteProgram:
         T, readings = self.fit.compressed
         stated = convex.state_semidefinite(len(T), self.cone)
         data = {"T": T, "z": (readings - T @ near) / unit, "p": self.penalty / unit, "near": near / unit}
-        moved = stated.solve(data, tolerance)
-        return None if moved is None else near + unit * moved
+        solution = stated.solve(data, tolerance)
+        return None if solution is None else near + unit * solution
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,16 +305,16 @@ def _make_dual_feasible(
         Feasible ν in the shape of `dual`, the violation of the dual cone before the shrinking, divided by λ,
         and the slack s (p,).
     """
-    penalty, moved = cone.penalty(weight), dual.ravel()
+    penalty, changed = cone.penalty(weight), dual.ravel()
     free = rows[:, : cone.free].T
-    short = np.maximum(-(free @ moved), 0.0)
-    if short.any():
-        moved = moved + np.linalg.lstsq(free, short, rcond=None)[0]
-    pull = rows.T @ moved
+    missing = np.maximum(-(free @ changed), 0.0)
+    if missing.any():
+        changed = changed + np.linalg.lstsq(free, missing, rcond=None)[0]
+    pull = rows.T @ changed
     slack = pull + penalty
     least = [float(np.linalg.eigvalsh(to_matrix(slack[place], size)).min()) for size, place in cone.blocks()]
     outside = max(0.0, -min(least + slack[cone.free : cone.nonnegative].tolist(), default=0.0))
-    nu, shrink = moved.reshape(dual.shape), weight / (weight + outside)
+    nu, shrink = changed.reshape(dual.shape), weight / (weight + outside)
     if nu.ndim > 1:
         shrink = min(shrink, 1.0 / max(float(np.linalg.norm(nu, axis=1).max(initial=0.0)), 1.0))
     return shrink * nu, outside / weight, penalty + shrink * pull
@@ -373,11 +373,17 @@ def compute_unconstrained_range(squares: LeastSquares, functions: FloatArray, ra
     Returns:
         (K, 2) least and greatest values; NaN where the readings do not determine a function.
     """
-    left, singular, right = np.linalg.svd(squares.R, full_matrices=False)
-    seen = singular > _NULL_SINGULAR_VALUE * singular[0]
-    right, inverse = right[seen], functions @ (right[seen].T / singular[seen])
-    middle, half = inverse @ (left[:, seen].T @ squares.z), radius * np.linalg.norm(inverse, axis=1)
-    outside = np.linalg.norm(functions - functions @ right.T @ right, axis=1)
+    left_vectors, singular, directions = np.linalg.svd(squares.R, full_matrices=False)
+    determined = singular > _NULL_SINGULAR_VALUE * singular[0]
+    directions, inverse = (
+        directions[determined],
+        functions @ (directions[determined].T / singular[determined]),
+    )
+    middle, half = (
+        inverse @ (left_vectors[:, determined].T @ squares.z),
+        radius * np.linalg.norm(inverse, axis=1),
+    )
+    outside = np.linalg.norm(functions - functions @ directions.T @ directions, axis=1)
     half[outside > _OUTSIDE_SPAN * np.linalg.norm(functions, axis=1)] = np.nan
     return np.column_stack([middle - half, middle + half])
 
@@ -487,10 +493,10 @@ class Face:
         out = np.zeros(len(self.x))
         out[self.free] = self.x[self.free] + step[: len(self.free)]
         for face, coordinates in self.blocks:
-            moved = face.take_step(step[coordinates])
-            if moved is None:
+            block = face.take_step(step[coordinates])
+            if block is None:
                 return None
-            out[face.place] = moved
+            out[face.place] = block
         return out if np.isfinite(out).all() and (out[self.free] >= 0.0).all() else None
 
 

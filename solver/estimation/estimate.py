@@ -245,8 +245,8 @@ class _Ball:
             at_least = above_least <= _AT_BOUND * np.maximum(1.0, np.abs(x).max(axis=1))
             goal = radius2[pending]
             inside = at_least & (reached <= goal * (1 + RADIUS_TOLERANCE))
-            done = inside | (np.abs(reached - goal) <= RADIUS_TOLERANCE * goal)
-            points[pending[done]], at_bound[pending[done]] = x[done], inside[done]
+            settled = inside | (np.abs(reached - goal) <= RADIUS_TOLERANCE * goal)
+            points[pending[settled]], at_bound[pending[settled]] = x[settled], inside[settled]
             least = low[pending] = np.where(reached < goal, s[pending], low[pending])
             most = high[pending] = np.where(reached > goal, s[pending], high[pending])
             # Newton's step on the face, ‖A x(s)‖² = on_face + s² slope; the middle where that leads astray
@@ -255,7 +255,7 @@ class _Ball:
                 newton = np.sqrt((goal - on_face) / slope)
             middle = np.where(np.isfinite(most), 0.5 * (least + most), 4.0 * least)
             s[pending] = np.where((newton > least) & (newton < most), newton, middle)
-            pending = pending[~done]
+            pending = pending[~settled]
             if not len(pending):
                 return points, at_bound
         raise SolverError(_NOT_CERTIFIED)
@@ -506,23 +506,25 @@ class Evidence:
         Raises:
             SolverError: if the end of an interval could not be certified.
         """
-        hidden = [self.explain_missing_stiffness(j) for j in range(len(self.names))]
-        shown = np.array([j for j, reason in enumerate(hidden) if reason is None], dtype=np.intp)
-        ends: list[FloatArray | None] = [None] * len(shown)
+        reasons = [self.explain_missing_stiffness(j) for j in range(len(self.names))]
+        determined = np.array([j for j, reason in enumerate(reasons) if reason is None], dtype=np.intp)
+        ends: list[FloatArray | None] = [None] * len(determined)
         sigma, likelihood = self.scale.sigma, self.fit.likelihood
-        if sigma is not None and len(shown):
+        if sigma is not None and len(determined):
             tail = 1.0 - self.confidence
             # Two-sided intervals leave half of the tail on each side, one-sided bounds the whole tail.
             radii = sigma * np.array([self.scale.quantile(1.0 - part * tail) for part in (0.5, 1.0)])
             constraints = self.constraints.select(likelihood.joints)
-            wanted = np.eye(len(likelihood.joints))[np.searchsorted(likelihood.joints, shown)]
-            value = self.fit.compliance[shown]
-            ends = [*compute_interval_ends(likelihood, constraints, wanted, radii, value).transpose(1, 0, 2)]
+            functions = np.eye(len(likelihood.joints))[np.searchsorted(likelihood.joints, determined)]
+            value = self.fit.compliance[determined]
+            ends = [
+                *compute_interval_ends(likelihood, constraints, functions, radii, value).transpose(1, 0, 2)
+            ]
         joints = [
             JointCompliance(name, kind, "not_observable", reason=reason)
-            for name, kind, reason in zip(self.names, self.observability.kinds, hidden, strict=True)
+            for name, kind, reason in zip(self.names, self.observability.kinds, reasons, strict=True)
         ]
-        for j, intervals in zip(shown.tolist(), ends, strict=True):
+        for j, intervals in zip(determined.tolist(), ends, strict=True):
             joints[j] = self.derive_joint_result(j, intervals)
         return tuple(joints)
 
@@ -589,8 +591,8 @@ class Evidence:
             limit = self.describe_lower_limit(j, ends) or "its compliance is zero: "
             return f"{limit}these readings cannot distinguish it from a rigid joint"
         if self.fit.tied[j] or active:
-            seen = np.flatnonzero(~self.observability.null)
-            pairs = [seen[[i, k]].tolist() for i, k in self.constraints.select(seen).order]
+            visible = np.flatnonzero(~self.observability.null)
+            pairs = [visible[[i, k]].tolist() for i, k in self.constraints.select(visible).order]
             tied = [i + k - j for i, k in pairs if j in (i, k) and compliance[i] == compliance[k]]
             if tied:
                 partners = ", ".join(self.names[k] for k in tied)
@@ -712,16 +714,18 @@ class UncertaintyBudget:
         components = [BudgetComponent(readings, "readings", "B" if given else "A", True, own_freedom)]
         if common is not None:
             components += [
-                BudgetComponent(own @ own.T, source, "A" if source == "fitted_causes" else "B", True)
-                for source, own in common.by_source.items()
-                if own.any()
+                BudgetComponent(
+                    responses @ responses.T, source, "A" if source == "fitted_causes" else "B", True
+                )
+                for source, responses in common.by_source.items()
+                if responses.any()
             ]
         joints = np.flatnonzero(estimate.estimated)
         if left_out is not None:
             components += _estimate_model_error(left_out, readings, joints, included=lack_of_fit)
-        size = estimate.complementary_stiffness
-        if size is not None and not size.included and size.shift is not None:
-            shift = np.outer(size.shift, size.shift)
+        neglected = estimate.complementary_stiffness
+        if neglected is not None and not neglected.included and neglected.shift is not None:
+            shift = np.outer(neglected.shift, neglected.shift)
             components.append(BudgetComponent(shift, "complementary_stiffness", "B", False))
         factor = max(
             student_quantile(0.5 * (1.0 + probability), part.degrees_of_freedom)
@@ -836,13 +840,15 @@ class Prediction:
     ) -> Prediction:
         """Return the prediction of deflections (N, T, 3) [m] with residuals and compensation."""
         residual = np.where(measurements.present[..., None], measurements.deflection - predicted, 0.0)
-        left = np.linalg.norm(residual[measurements.present], axis=-1)
-        moved = np.linalg.norm(measurements.deflection[measurements.present], axis=-1).mean()
+        residual_length = np.linalg.norm(residual[measurements.present], axis=-1)
+        mean_deflection = np.linalg.norm(measurements.deflection[measurements.present], axis=-1).mean()
         return cls(
             predicted=predicted,
             residual=residual,
-            compensation=float(1.0 - left.mean() / moved) if moved > 0 else None,
-            rms_residual=float(np.sqrt(np.mean(left**2))),
+            compensation=float(1.0 - residual_length.mean() / mean_deflection)
+            if mean_deflection > 0
+            else None,
+            rms_residual=float(np.sqrt(np.mean(residual_length**2))),
             contributions=contributions,
         )
 
@@ -861,8 +867,8 @@ def predict(
         robot: n joints.
         measurements: N observations.
         compliance: (n,) [rad/(N·m)].
-        balanced: (n,) compliances that bend the robot, as `Estimate.balanced`: the deflections are then
-            those of the exact balance, to third order. None neglects that the deflection moves the load.
+        balanced: (n,) compliances with which the load bends the robot before the columns are computed: the
+            deflections are then those of the exact balance, to third order. None neglects this bending.
         estimated: (n,) joints with an estimate; all if None. Other joints have zero contributions.
 
     Returns:
@@ -871,16 +877,16 @@ def predict(
     Raises:
         SolverError: the load has no balance with joints of the given compliances.
     """
-    named = compliance if estimated is None else np.where(estimated, compliance, 0.0)
-    predicted, along, turned = [], [], []
+    by_estimated = compliance if estimated is None else np.where(estimated, compliance, 0.0)
+    predicted, along, encoder_deflections = [], [], []
     for block in regressor_blocks(robot, measurements, balanced):
         predicted.append(block.A @ compliance)
-        turned.append(block.torque * compliance)
-        moved = block.A * named
-        whole = moved.sum(axis=-1)
+        encoder_deflections.append(block.torque * compliance)
+        by_joint = block.A * by_estimated
+        whole = by_joint.sum(axis=-1)
         length = np.linalg.norm(whole, axis=-1)
         direction = whole / np.where(length > 0.0, length, 1.0)[..., None]
-        along.append(np.einsum("btij,bti->btj", moved, direction))
+        along.append(np.einsum("btij,bti->btj", by_joint, direction))
     parts, present = np.concatenate(along), measurements.present  # parts are zero where nothing was read
     mean = parts.sum(axis=(0, 1)) / present.sum()
     total = float(mean.sum())
@@ -890,4 +896,4 @@ def predict(
         share=mean / total if total > 0.0 else np.zeros_like(mean),
     )
     prediction = Prediction.from_predicted(measurements, np.concatenate(predicted), contributions)
-    return replace(prediction, encoders=np.concatenate(turned))
+    return replace(prediction, encoders=np.concatenate(encoder_deflections))

@@ -194,8 +194,8 @@ class StageFit:
         )
         tied = np.zeros(len(joints), dtype=np.bool_)
         if solution.tight is not None:
-            level = constraints.equalise_tied(solution.compliance, solution.tight)
-            solution = replace(solution, compliance=level)
+            equalised = constraints.equalise_tied(solution.compliance, solution.tight)
+            solution = replace(solution, compliance=equalised)
             tied[np.array(constraints.order)[solution.tight].ravel()] = True
         return cls(joints, spectrum, analysis, undetermined, parameters, known, solution, tied)
 
@@ -299,8 +299,8 @@ def _combine_stages(
     if len(triangles.stages) == 1 and triangles.spreads is None and stages:
         rows = stages[0].spectrum.determined
     elif undetermined:
-        seen = block_diag(*(stage.spectrum.seen for stage in stages))
-        rows = invert_to_root(seen @ part @ seen.T) @ seen
+        determined = block_diag(*(stage.spectrum.seen for stage in stages))
+        rows = invert_to_root(determined @ part @ determined.T) @ determined
     return Fit(
         compliance,
         active,
@@ -335,8 +335,8 @@ def _compute_covariance(triangles: MethodTriangles, fits: dict[int, StageFit]) -
         shared = (inverse @ inverse.T) @ triangles.cross[np.ix_(wrist.joints, arm.joints)]
         shared = shared @ (arm.spectrum.inverse @ arm.spectrum.inverse.T)  # cov(L d, ĉ_a)
         of_arm = covariance[np.ix_(arm.joints, arm.joints)]
-        both = shared @ leak.T
-        covariance[np.ix_(wrist.joints, wrist.joints)] += leak @ of_arm @ leak.T - both - both.T
+        correlation = shared @ leak.T
+        covariance[np.ix_(wrist.joints, wrist.joints)] += leak @ of_arm @ leak.T - correlation - correlation.T
         covariance[np.ix_(wrist.joints, arm.joints)] = shared - leak @ of_arm
         covariance[np.ix_(arm.joints, wrist.joints)] = covariance[np.ix_(wrist.joints, arm.joints)].T
     return covariance

@@ -255,7 +255,7 @@ def _require_observable(excitation: Excitation) -> Observability:
 def _iterate_to_convergence(
     robot: Robot, measurements: Measurements, settings: Settings, first: _Pass
 ) -> tuple[_Pass, int]:
-    """Repeat the fit with K_c until the compliances that bend the robot equal the fitted compliances.
+    """Repeat the fit with K_c until the fitted compliances equal those with which the robot was bent.
 
     The iteration starts from a first-order estimate of the effect of K_c, so that with noisy readings a
     single fit suffices.

@@ -79,11 +79,11 @@ class JointsAlone:
 
     @cached_property
     def _alternative(self) -> BetterAlternative | None:
-        """Mistake that would explain the readings far better; None if no mistake does."""
+        """Mistake in the data whose correction explains the readings far better; None if no mistake does."""
         return find_better_alternative(self.robot, self.measurements)
 
     def find_gross_mistake(self, estimate: Estimate) -> BetterAlternative | None:
-        """Return the mistake in the data that would explain the readings far better; None if there is none.
+        """Return the mistake whose correction explains the readings far better; None if no mistake does.
 
         If the estimate's residuals are within the stated noise, no mistake is sought.
         """

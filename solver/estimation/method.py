@@ -202,7 +202,7 @@ class StageRows:
 
 
 class Method:
-    """A method with its weighting, as linear maps of whitened readings."""
+    """A method with its weighting, as linear maps N of the whitened rows of the readings."""
 
     def __init__(self, robot: Robot, settings: Settings, length: float | None) -> None:
         """Choose the stages.
@@ -299,8 +299,8 @@ class MethodTriangles:
 
     Attributes:
         method: the method with its stages.
-        judged: triangle of all readings, weighted by covariance. Residuals, sigma and degrees of freedom are
-            computed on this triangle, whatever the method fits.
+        all_readings: triangle of all readings, weighted by covariance. Residuals, sigma and degrees of freedom
+            are computed on this triangle, whatever the method fits.
         stages: triangle of each stage.
         spreads: triangle of the spread of each stage; None where the rows are weighted by covariance.
         cross: (n, n) weighted covariance between the readings of the two stages: ``A₂ᵀΩ₂ Σ Ω₁A₁``.
@@ -370,16 +370,16 @@ class MethodTriangles:
             for s, rows in enumerate(self.method.rows(block, whitened)):
                 flat = rows.fitted.reshape(-1, rows.fitted.shape[-1])
                 moments[s] = moments[s] + flat[:, :n].T @ flat[:, n:-1]
-        out = np.zeros(np.shape(moments[0]))
+        bias = np.zeros(np.shape(moments[0]))
         for stage, triangle, moment in zip(self.method.stages, self.stages, moments, strict=True):
             own, known = np.intersect1d(stage.joints, joints), np.intersect1d(stage.known, joints)
-            rows_of = triangle.matrix
-            left = np.asarray(moment)[own] - rows_of[:, own].T @ (rows_of[:, known] @ out[known])
-            together = rows_of[:, own] if prior is None else np.vstack([rows_of[:, own], prior.rows(own)[0]])
-            inverse = Spectrum(together).inverse
-            out[own] = inverse @ (inverse.T @ left)
+            matrix = triangle.matrix
+            remaining = np.asarray(moment)[own] - matrix[:, own].T @ (matrix[:, known] @ bias[known])
+            with_prior = matrix[:, own] if prior is None else np.vstack([matrix[:, own], prior.rows(own)[0]])
+            inverse = Spectrum(with_prior).inverse
+            bias[own] = inverse @ (inverse.T @ remaining)
         ends = np.cumsum([whitened.widths[term.name] for term in terms])[:-1]
-        return dict(zip((term.name for term in terms), np.split(out, ends, axis=1), strict=True))
+        return dict(zip((term.name for term in terms), np.split(bias, ends, axis=1), strict=True))
 
 
 def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -123,12 +123,12 @@ def _describe_combination(
         rest = rest - np.outer(along, along @ rest)
         pivots.append(last)
     free = sorted(pivots)
-    bound = np.setdiff1d(np.arange(len(group)), free)
+    others = np.setdiff1d(np.arange(len(group)), free)
     null = null / scale[group]  # from columns of unit norm to the compliances themselves
-    seen = np.zeros((len(bound), len(group)))
-    seen[np.arange(len(bound)), bound] = 1.0
-    seen[:, free] = -np.linalg.solve(null[:, free], null[:, bound]).T
-    return Combination(tuple(int(columns[i]) for i in group), seen)
+    sums = np.zeros((len(others), len(group)))
+    sums[np.arange(len(others)), others] = 1.0
+    sums[:, free] = -np.linalg.solve(null[:, free], null[:, others]).T
+    return Combination(tuple(int(columns[i]) for i in group), sums)
 
 
 def _sum_in_words(row: FloatArray, joints: tuple[int, ...], names: tuple[str, ...]) -> str:
@@ -197,9 +197,9 @@ class Excitation:
         force = np.linalg.norm(part.force, axis=1)[:, None]
         moment = np.linalg.norm(part.moment, axis=1)[:, None]
         lever = np.sqrt(np.einsum("bij,bij->bj", block.load_jacobian, block.load_jacobian))
-        seen = jacobian if present.all() else jacobian * present[..., None, None]
-        seen = seen.reshape(len(seen), -1, seen.shape[-1])
-        motion = np.einsum("bij,bij->bj", seen, seen)
+        jacobians = jacobian if present.all() else jacobian * present[..., None, None]
+        jacobians = jacobians.reshape(len(jacobians), -1, jacobians.shape[-1])
+        motion = np.einsum("bij,bij->bj", jacobians, jacobians)
         if part.encoders is not None:
             motion += part.encoder_lever**2 * part.encoders.present
             self._deflection += float((part.encoder_lever**2 * part.encoders.deflection**2).sum())
