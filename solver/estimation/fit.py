@@ -10,7 +10,7 @@ over the targets i, each with its three coordinates (Huber, *Robust estimation o
 ``w_i = min(1, threshold/‖r_i‖)``, and weighted least squares with these weights has the same optimum. So
 they are handed on as covariances Σ_i/w_i: partial pose, and complete pose by covariance on three targets,
 then *are* the Huber estimate, and every other method and weighting is as robust as they make it. Clarabel
-solves the problem as `programs` states it; rounds of weighted least squares, damped between Newton's
+solves the problem as `convex` states it; rounds of weighted least squares, damped between Newton's
 step and reweighting, polish its point, and the outcome is certified from the data. All rows of all targets
 are kept meanwhile: 24 (n + 1) bytes a reading.
 """
@@ -592,7 +592,7 @@ class _HuberProblem:
     def certificate(self, c: FloatArray, solved_by: SupportFinder) -> Certificate:
         """Return the certificate of a point c (p,) as the Huber optimum.
 
-        It is that of least squares with the weights at c, which has the same optimum.
+        The certificate is that of weighted least squares with the weights at c, which has the Huber optimum.
         """
         scaled = Scaled.from_problem(self.state_weighted(_huber_weights(self.residuals_at(c)[1])))
         return certify(scaled, c / scaled.unit, solved_by)

@@ -55,7 +55,7 @@ class JointsAlone:
         """Settings with which the fit succeeded: without K_c if the fit with K_c failed.
 
         Raises:
-            JointstiffError: as `estimate`.
+            JointstiffError: the identification fails.
         """
         return self._identified[0]
 
@@ -64,7 +64,7 @@ class JointsAlone:
         """Estimated compliances with uncertainties and certificates.
 
         Raises:
-            JointstiffError: as `jointstiff.solver.estimation.identify.identify`.
+            JointstiffError: the identification fails, for one of the reasons listed at `identify`.
         """
         return self._identified[1]
 
@@ -73,7 +73,7 @@ class JointsAlone:
         """Tests for causes of the deflections that the joints do not explain.
 
         Raises:
-            JointstiffError: as `estimate`.
+            JointstiffError: the identification fails.
         """
         return screen_estimate(self.robot, self.measurements, self.estimate)
 

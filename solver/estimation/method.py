@@ -299,8 +299,8 @@ class MethodTriangles:
 
     Attributes:
         method: the method with its stages.
-        all_readings: triangle of all readings, weighted by covariance. Residuals, sigma and degrees of freedom
-            are computed on this triangle, whatever the method fits.
+        all_readings: triangle of all readings, weighted by covariance. Residuals, sigma and degrees of
+            freedom are computed on this triangle, whatever the method fits.
         stages: triangle of each stage.
         spreads: triangle of the spread of each stage; None where the rows are weighted by covariance.
         cross: (n, n) weighted covariance between the readings of the two stages: ``A₂ᵀΩ₂ Σ Ω₁A₁``.

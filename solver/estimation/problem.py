@@ -79,7 +79,7 @@ class Bounds:
 
         Args:
             c: (n,) or (K, n) compliances [rad/(N·m)]; NaN stays NaN.
-            active: of the same shape: -1 at the lower bound, 1 at the upper bound, else 0.
+            active: (n,) or (K, n): -1 at the lower bound, 1 at the upper bound, else 0.
         """
         return np.clip(np.where(active == FREE, c, self.values_at_bounds(active)), self.lower, self.upper)
 
