@@ -87,16 +87,16 @@ def report_joints_alone(joints: JointsAlone, screening: Screening, choice: Model
     except JointstiffError as none:  # the run is valid without a model error; predictions state the reason
         error = none
     lacks = screening.lack_of_fit and joints.are_sound
-    budget = UncertaintyBudget.of(estimate, settings.confidence, left_out, lack_of_fit=lacks)
+    budget = UncertaintyBudget.from_estimate(estimate, settings.confidence, left_out, lack_of_fit=lacks)
     if budget is not None and lacks:
-        estimate = budget.widened(estimate, settings.bounds)
+        estimate = budget.widen_intervals(estimate, settings.bounds)
     prediction = predict(
         robot, measurements, estimate.compliance, balanced=estimate.balanced, estimated=estimate.estimated
     )
     assessment = assess(joints, estimate, prediction, screening)
     return RunOutcome(
         estimate,
-        assessment.supported(prediction),
+        assessment.drop_meaningless_numbers(prediction),
         assessment,
         (*joints.noticed, *assessment.remarks),
         build_stored_model(model, error),

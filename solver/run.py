@@ -90,7 +90,7 @@ class Identification:
         if options.weight is None:
             causes = [cause.pair for cause in options.causes]
             self._measurements = fit_causes(robot, measurements.with_loads(), causes)
-            self._settings = Settings.of(options, robot)
+            self._settings = Settings.from_options(options, robot)
             self.long = self._competition
             if self.long is None and options.resampling is not None:
                 self.long = Draws(self._joints, options.resampling)
@@ -124,7 +124,7 @@ class Identification:
         """
         try:
             screening = self._joints.screening
-            speaks = screening.links_speak or screening.base_speaks
+            speaks = screening.links_need_validation or screening.base_needs_validation
         except JointstiffError:  # the run fails when it is carried out, and says why
             return False
         return speaks and self._joints.are_sound

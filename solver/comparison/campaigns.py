@@ -34,8 +34,8 @@ from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.robot import Estimate
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation.estimate import predict, profile_ends, stiffness_of
-from jointstiff.solver.estimation.fit import Likelihood, StageFit, rows_of, student_quantile
+from jointstiff.solver.estimation.estimate import compute_profile_ends, invert_compliance, predict
+from jointstiff.solver.estimation.fit import Likelihood, StageFit, invert_to_root, student_quantile
 from jointstiff.solver.estimation.problem import Bounds, Constraints, Order
 from jointstiff.solver.estimation.solution import greatest_violations
 from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, regressor_blocks
@@ -324,19 +324,20 @@ def fit_ordered(
     c, ends = np.full(2 * n, np.nan), np.full((2 * n, 2), np.nan)
     seen = [np.flatnonzero(np.isfinite(each.compliance)) for each in free]
     blocks = [part[np.ix_(own, own)] for part, own in zip(noise, seen, strict=True) if len(own)]
-    R = block_diag(*map(rows_of, blocks))
+    R = block_diag(*map(invert_to_root, blocks))
     fits = [
-        StageFit.of(R, R @ centre[known], known, each.select(known)).solution for each in (together, apart)
+        StageFit.from_rows(R, R @ centre[known], known, each.select(known)).solution
+        for each in (together, apart)
     ]
     c[known] = fits[0].compliance
     squares = [float(np.square(R @ (fit.compliance - centre[known])).sum()) for fit in fits]
     quantile = student_quantile(0.5 + confidence / 2, min(each.degrees_of_freedom for each in free))
     likelihood = Likelihood(np.arange(len(known)), centre[known], block_diag(*both)[np.ix_(known, known)])
     every = np.eye(len(known))
-    low, high = profile_ends(likelihood, together.select(known), every, np.array([quantile]))[0].T
+    low, high = compute_profile_ends(likelihood, together.select(known), every, np.array([quantile]))[0].T
     ends[known] = np.stack([np.minimum(low, c[known]), np.maximum(high, c[known])], axis=1)
     first, second = c.reshape(2, n)
-    stiffness = [[stiffness_of(value) for value in part] for part in (first, second)]
+    stiffness = [[invert_compliance(value) for value in part] for part in (first, second)]
     message = OrderedResult(
         joints=rows(
             OrderedJoint,

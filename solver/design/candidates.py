@@ -347,9 +347,9 @@ def build_reading_stack(robot: Robot, request: PlanRequest, measurements: Measur
     terms = [JOINTS, *([links_behind(tuple(range(robot.n)))] if request.links else hedged)]
     fitted = fitted_errors(measurements).terms
     blocks, compliance = regressor_blocks(robot, measurements), np.nan_to_num(request.nominal)
-    stack = Stack.of(blocks, [*terms, *fitted], compliance)
+    stack = Stack.from_blocks(blocks, [*terms, *fitted], compliance)
     stack = stack.in_units({term.name: term.hedged for term in terms if term.hedged})
-    return stack.left_by([term.name for term in fitted]) if fitted else stack
+    return stack.project_out([term.name for term in fitted]) if fitted else stack
 
 
 def build_known_rows(robot: Robot, request: PlanRequest, so_far: Measurements) -> FloatArray:

@@ -610,7 +610,7 @@ def _optimise_held_weights(
         return optimise_worst_place(criterion, problem.base, K, weights)
     from jointstiff.solver.estimation import convex  # takes a second to import
 
-    return convex.worst_direction(problem.base, K, criterion.metric)
+    return convex.solve_e_optimal_design(problem.base, K, criterion.metric)
 
 
 def optimise_weights(

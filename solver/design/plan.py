@@ -678,7 +678,7 @@ class ReadablePostures:
             load_point=measurements.load_point[np.where(observation < 0, strongest, observation)],
         )
         block = unloaded_block(robot, Postures(robot, robot.joint_map.model_angles(joints)), readable)
-        turns = Stack.of([block], [TURNS], np.zeros(robot.n))
+        turns = Stack.from_blocks([block], [TURNS], np.zeros(robot.n))
         return cls(joints, observation, block.load_jacobian, turns)
 
     def __len__(self) -> int:

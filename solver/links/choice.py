@@ -51,10 +51,10 @@ def list_models_to_compare(screening: Screening, requested: ModelName | None) ->
     """
     if requested in WITH_BASE:
         return MODELS
-    if requested is not None or not screening.base_speaks:
+    if requested is not None or not screening.base_needs_validation:
         return tuple(name for name in MODELS if name not in WITH_BASE)
-    base_is_needed = screening.base_beside_links < LINKS_LEVEL
-    if screening.links_beside_base >= LINKS_LEVEL and base_is_needed:
+    base_is_needed = screening.base_p_value_with_links < LINKS_LEVEL
+    if screening.links_p_value_with_base >= LINKS_LEVEL and base_is_needed:
         return ("joints", "joints_and_base")
     return tuple(name for name in MODELS if base_is_needed or name != "links_and_base")
 

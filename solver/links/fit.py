@@ -25,11 +25,11 @@ from jointstiff.schemas.model import (
 )
 from jointstiff.solver.arrays import FloatArray, IndexArray, in_one_sense
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.estimation.cones import diagonal, raised, to_matrix
+from jointstiff.solver.estimation.cones import find_diagonal_entries, lift_diagonal, to_matrix
 from jointstiff.solver.estimation.conic import (
-    effective_freedom,
-    penalised_range,
-    range_of_squares,
+    compute_effective_freedom,
+    compute_penalised_range,
+    compute_unconstrained_range,
     solve_cone,
 )
 from jointstiff.solver.estimation.estimate import Estimate, JointCompliance, Prediction
@@ -207,7 +207,7 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
 def _build_companion(
     form: Formulation, model: ElasticModel, compliances: FloatArray, weight: float
 ) -> Companion:
-    """Return the problem for a fit's uncertainties, with sigma raised if the residuals exceed it."""
+    """Return the problem for a fit's uncertainties, with sigma lift_diagonal if the residuals exceed it."""
     weight, stated = form.weight_of_squares(model, compliances, weight), form.sigma
     _, left, sigma, chi_square = _summarise_residuals(form, weight, compliances, stated)
     if stated is None or sigma is None:
@@ -241,7 +241,7 @@ def _summarise_residuals(
     """
     x, rows = compliances[squares.columns] / squares.unit, squares.rows
     freedom = np.zeros(squares.width)
-    freedom[squares.columns] = effective_freedom(squares.program(weight), x)
+    freedom[squares.columns] = compute_effective_freedom(squares.program(weight), x)
     left = max(0.0, rows.readings - float(freedom.sum()))
     total = float(np.square(rows.triangle[:, :-1] @ compliances - rows.triangle[:, -1]).sum())
     if sigma is None and left >= _LEAST_FREEDOM:
@@ -281,7 +281,7 @@ def _semidefinite_compliances(compliances: FloatArray, model: ElasticModel) -> t
     least = [float(out[columns.joints].min())]
     for size, own in places:
         if out[own].any():
-            out[own] = raised(out[own], size)
+            out[own] = lift_diagonal(out[own], size)
             least.append(float(np.linalg.eigvalsh(to_matrix(out[own], size)).min()))
     return out, min(least)
 
@@ -306,7 +306,7 @@ def _shares_of_elements(
 ) -> tuple[tuple[ElementShare, ...], Prediction]:
     """Return the share of the measured deflections that each element explains, and the whole prediction."""
     columns = model.columns
-    coupled = columns.coupling[diagonal(columns.n)]
+    coupled = columns.coupling[find_diagonal_entries(columns.n)]
     places: list[tuple[Literal["joint", "coupling", "link", "base"], str | None, IndexArray]] = [
         ("joint", robot.joint_names[joint], np.array([columns.joints[joint], coupled[joint]]))
         for joint in range(columns.n)
@@ -334,7 +334,7 @@ def _shares_of_elements(
         )
         for number, (kind, joint, _) in enumerate(places)
     )
-    prediction = Prediction.of(measurements, np.concatenate(predicted))
+    prediction = Prediction.from_predicted(measurements, np.concatenate(predicted))
     bending: Literal["links", "base"] = "base" if model.name == "joints_and_base" else "links"
     return elements, replace(prediction, bending=bending)
 
@@ -356,7 +356,7 @@ def effective_rows(robot: Robot, columns: ElasticColumns) -> FloatArray:
     """
     rows = np.zeros((columns.n, columns.width))
     rows[np.arange(columns.n), columns.joints] = 1.0
-    rows[np.arange(columns.n), columns.coupling[diagonal(columns.n)]] = 1.0
+    rows[np.arange(columns.n), columns.coupling[find_diagonal_entries(columns.n)]] = 1.0
     i, j = entries(6)
     placed = spring_frames(Postures(robot, np.zeros((1, columns.n))))[0][0]
     moved = {frame: (frame, robot.axes[frame]) for frame in columns.links}
@@ -430,9 +430,9 @@ def effective_compliances(
         with suppress(SolverError):
             x = solve_cone(program, gap=_GAP).x
             size, functions = quantile * companion.sigma / form.size, rows[:, form.columns] * form.unit
-            ends = penalised_range(program, x, size**2, functions)
+            ends = compute_penalised_range(program, x, size**2, functions)
             if widest.model.name == "joints_and_base":
-                least, greatest = range_of_squares(form.squares, functions, size).T
+                least, greatest = compute_unconstrained_range(form.squares, functions, size).T
                 ends = np.column_stack([np.fmin(ends[:, 0], least), np.fmax(ends[:, 1], greatest)])
     ends[:, 0] = np.minimum(np.maximum(ends[:, 0], 0.0), effective)
     ends[:, 1] = np.maximum(ends[:, 1], effective)

@@ -25,7 +25,7 @@ from jointstiff.schemas.options import ElasticModel as ModelName
 from jointstiff.schemas.options import Loss, RunOptions
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import UnsupportedMethodError
-from jointstiff.solver.estimation.cones import Cone, diagonal
+from jointstiff.solver.estimation.cones import Cone, find_diagonal_entries
 from jointstiff.solver.estimation.conic import (
     ConeSolution,
     LeastSquares,
@@ -41,7 +41,7 @@ from jointstiff.solver.estimation.fit import MEDIAN_NORM
 from jointstiff.solver.estimation.method import DEFAULT_THRESHOLD
 from jointstiff.solver.estimation.problem import Bounds, IdentificationProblem
 from jointstiff.solver.estimation.solution import solve_step
-from jointstiff.solver.estimation.triangle import Triangle, triangle_of
+from jointstiff.solver.estimation.triangle import Triangle, compute_triangular_factor
 from jointstiff.solver.mechanics.block import RegressorBlock, Term, regressor_blocks, rows_of
 from jointstiff.solver.mechanics.measurements import Measurements, whitened
 from jointstiff.solver.mechanics.robot import Robot
@@ -147,7 +147,7 @@ class ElasticRows:
         sums = {name: sum(getattr(part, name) for part in parts) for name in summed}
         each = np.concatenate([part.each for part in parts])
         each = each if sums["targets"] <= MOST_TARGETS else each[:0]
-        triangle = triangle_of(np.concatenate([part.triangle for part in parts]))
+        triangle = compute_triangular_factor(np.concatenate([part.triangle for part in parts]))
         return cls(triangle=triangle, each=each, **sums)
 
     def residual_norms(self, compliances: FloatArray) -> FloatArray:
@@ -158,7 +158,7 @@ class ElasticRows:
     def weight_targets(self, weight: FloatArray) -> ElasticRows:
         """Return rows whose triangle weights the K targets by `weight` (K,); `each` stays unweighted."""
         rows = np.sqrt(weight)[:, None, None] * self.each
-        return replace(self, triangle=triangle_of(rows.reshape(-1, rows.shape[-1])))
+        return replace(self, triangle=compute_triangular_factor(rows.reshape(-1, rows.shape[-1])))
 
 
 def elastic_rows(
@@ -292,7 +292,7 @@ class ElasticModel:
             full = self.name != "diagonal_links"
             own = self.columns.link(frame)
             root = np.repeat([1.0, turning[frame]], 3) * (_BASE_ROOT if frame == BASE else 1.0)
-            yield own if full else own[diagonal(6)], root, full
+            yield own if full else own[find_diagonal_entries(6)], root, full
 
     @property
     def frames(self) -> tuple[int, ...]:

@@ -114,7 +114,7 @@ class Expectation:
         variance, freedom = stated or moved / len(stack.flat) or 1.0, np.inf
         # The weight of the prior depends on the variance, which the fit determines.
         for _ in range(1 if stated is None and read <= robot.n else 3):
-            fit, used = triangle.given(unit, variance), variance
+            fit, used = triangle.fit_with_prior(unit, variance), variance
             left = read - int(np.isfinite(alike).sum())
             if left < 1:
                 break
@@ -409,7 +409,7 @@ def _build_stack(
     robot: Robot, measurements: Measurements, terms: tuple[Term, ...], compliance: FloatArray
 ) -> Stack:
     """Return the whitened rows of readings by the columns of terms, linearised at compliances (n,)."""
-    return Stack.of(regressor_blocks(robot, measurements, compliance), terms, compliance)
+    return Stack.from_blocks(regressor_blocks(robot, measurements, compliance), terms, compliance)
 
 
 def _compute_median_places(robot: Robot, others: Measurements) -> tuple[FloatArray, float]:

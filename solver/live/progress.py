@@ -101,7 +101,7 @@ class Progress:
         if measurements is None:
             return None
         try:
-            estimate = JointsAlone(robot, measurements, Settings.of(RunOptions(), robot)).estimate
+            estimate = JointsAlone(robot, measurements, Settings.from_options(RunOptions(), robot)).estimate
         except JointstiffError:
             return None
         return np.maximum(estimate.compliance, 0.0)

@@ -25,12 +25,17 @@ from scipy import special
 from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError
-from jointstiff.solver.estimation.assessment import unidentified
-from jointstiff.solver.estimation.conic import Cones, Weighed, solve_weighed, weighed_ends
+from jointstiff.solver.estimation.assessment import report_no_identified_joint
+from jointstiff.solver.estimation.conic import (
+    MassCones,
+    MassConeSolution,
+    bound_compliances,
+    solve_mass_cones,
+)
 from jointstiff.solver.estimation.estimate import JointCompliance
 from jointstiff.solver.estimation.fit import student_quantile
 from jointstiff.solver.estimation.solution import Certificate
-from jointstiff.solver.estimation.triangle import Triangle, triangle_of
+from jointstiff.solver.estimation.triangle import Triangle, compute_triangular_factor
 from jointstiff.solver.geometry.poses import (
     PoseReadings,
     PoseState,
@@ -99,7 +104,7 @@ class WeightFit:
     compliance: FloatArray  #: (n,) [rad/(N·m)]; zero where unseen
     rows: WeightRows  #: rows of the last step
     reduced: Reduced  #: the problem of the last step
-    optimum: Weighed  #: its solution
+    optimum: MassConeSolution  #: its solution
     steps: int  #: number of steps of Gauss and Newton
 
     def freedom(self, by_loads: int) -> int:
@@ -184,7 +189,7 @@ def fit_weight(
                     by_loads.add(part)
         others = by_loads.R[: by_loads.rows] / (1.0 if loaded is None else loaded.sigma or 1.0)
         reduced = reduce_problem(rows, triangle, nuisance, burden, others)
-        optimum = solve_weighed(reduced.A, reduced.b, reduced.cones)
+        optimum = solve_mass_cones(reduced.A, reduced.b, reduced.cones)
         move = triangle.fit(nuisance, reduced.expand_solution(rows, optimum.x), RANK)
         after = rows.stack.widths["geometry"]
         before, sag = sag, reduced.sag(rows.torques, optimum.x)
@@ -232,7 +237,7 @@ def reduce_problem(
             where="observations",
             remedy="read postures in which the arm is stretched out and folded, wrist up and down",
         )
-    left = triangle.left_by(nuisance, RANK)
+    left = triangle.project_out(nuisance, RANK)
     products = left.span["products"].reshape(rows.torques.unit.shape[1:])
     parts, below, blocks, units, unknowns = [], [], [], [], []
     for j in seen.tolist():
@@ -246,7 +251,7 @@ def reduce_problem(
         unknowns.append(which)
     unit_of = np.array(units)
     by_weight = np.column_stack([*parts, left.rhs])
-    R = triangle_of(np.vstack([by_weight, np.column_stack([*below, others[:, -1]])]))
+    R = compute_triangular_factor(np.vstack([by_weight, np.column_stack([*below, others[:, -1]])]))
     p = R.shape[1] - 1
     A, b = R[:p, :p], R[:p, p]
     rotation, singular, _ = np.linalg.svd(A)
@@ -259,7 +264,7 @@ def reduce_problem(
         b=b - beyond,
         outside=float(beyond @ beyond) + (float(R[p, p] ** 2) if len(R) > p else 0.0),
         rank=p - nothing.shape[1],
-        cones=Cones(tuple(blocks), LARGEST_SAG / scale / unit_of),
+        cones=MassCones(tuple(blocks), LARGEST_SAG / scale / unit_of),
         unit=unit_of,
         seen=seen,
         unknowns=tuple(unknowns),
@@ -291,7 +296,7 @@ def extract_weight(
         reach[place] = np.maximum(reach[place.start], x[place.start])
         reach[place.start] = cap
     stacked = np.vstack([problem.A / max(sigma, _LEAST_SIGMA), np.diag(1.0 / reach)])
-    root = np.linalg.inv(triangle_of(stacked))
+    root = np.linalg.inv(compute_triangular_factor(stacked))
     nominal, inertia_of = np.zeros((n, 4)), np.zeros((n, 4, len(burden.unknown[0])))
     for body in burden.bodies:
         nominal[body.joint] += 0.5 * (body.most + body.least) * np.array([1.0, *body.centre])
@@ -475,7 +480,7 @@ def compute_joint_results(
         The joints; and (n,) the share of each interval's width that exact masses would leave, NaN if none.
     """
     problem = fit.reduced
-    intervals = weighed_ends(problem.A, problem.b, fit.optimum, rise, problem.cones)
+    intervals = bound_compliances(problem.A, problem.b, fit.optimum, rise, problem.cones)
     exact = np.sqrt(rise) * np.linalg.norm(np.linalg.pinv(problem.A[:, problem.cones.first]), axis=1)
     joints, shares = [], np.full(robot.n, np.nan)
     named = zip(robot.joint_names, robot.joint_kinds, fit.rows.torques.known.T, strict=True)
@@ -610,7 +615,7 @@ def identify_weight(
     radius = student_quantile(0.5 + 0.5 * confidence, freedom if noisy else None)
     joints, shares = compute_joint_results(robot, fit, scale, (scale * radius) ** 2)
     statuses = [joint.status for joint in joints]
-    missing = unidentified(statuses, "read more postures, better masses or a known payload")
+    missing = report_no_identified_joint(statuses, "read more postures, better masses or a known payload")
     uncertainty = np.array([joint.standard_uncertainty or 0.0 for joint in joints])
     sagging = replace(whitened, angles=whitened.angles + fit.sag)
     bent = fit.state.motion(sagging).points

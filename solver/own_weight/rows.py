@@ -24,7 +24,7 @@ import pinocchio as pin
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.estimation.cones import Block
-from jointstiff.solver.estimation.conic import Cones
+from jointstiff.solver.estimation.conic import MassCones
 from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.geometry.poses import (
     Motion,
@@ -328,7 +328,7 @@ class Reduced:
     b: FloatArray  #: (p,)
     outside: float  #: squares of the residuals that no x explains
     rank: int  #: number of compliances and weights that the readings determine
-    cones: Cones  #: blocks of the joints seen
+    cones: MassCones  #: blocks of the joints seen
     unit: FloatArray  #: (n_seen,) unit of the blocks' c [rad/(N·m)]
     seen: IndexArray  #: (n_seen,) joints whose torque varies
     unknowns: tuple[list[int], ...]  #: for each of them, which of all unknowns its block has

@@ -15,7 +15,11 @@ from jointstiff.schemas.options import OwnWeight, RunOptions
 from jointstiff.schemas.run import Identifiability, RunResult, WeightResult, WeightShare
 from jointstiff.solver.arrays import IndexArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation.assessment import assessed, implausible_joints, refuted_noise
+from jointstiff.solver.estimation.assessment import (
+    derive_assessment,
+    report_implausible_joints,
+    report_refuted_noise,
+)
 from jointstiff.solver.estimation.fit import Likelihood, sigma_test
 from jointstiff.solver.estimation.problem import Bounds, Constraints
 from jointstiff.solver.estimation.solution import greatest_violations
@@ -82,9 +86,9 @@ def run_by_weight(
         loaded=loaded if by_loads.any() else None,
     )
     joints = estimate.joints
-    implausible = implausible_joints(joints)
-    findings = [*estimate.reasons, *estimate.remarks, *implausible, *refuted_noise(m, estimate.sigma)]
-    assessment = assessed(joints, findings)
+    implausible = report_implausible_joints(joints)
+    findings = [*estimate.reasons, *estimate.remarks, *implausible, *report_refuted_noise(m, estimate.sigma)]
+    assessment = derive_assessment(joints, findings)
     row, target = np.nonzero(readings.poses.present)
     displacement, residual = estimate.displacement[row, target], estimate.residual[row, target]
     left, moved = (np.linalg.norm(part, axis=1) for part in (residual, displacement + residual))

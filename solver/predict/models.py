@@ -29,13 +29,13 @@ from scipy.spatial.transform import Rotation
 from jointstiff.schemas.options import CrossValidation
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError, SolverError
-from jointstiff.solver.estimation.cones import diagonal, to_matrix
-from jointstiff.solver.estimation.estimate import Estimate, LeftOut, interval_ends
+from jointstiff.solver.estimation.cones import find_diagonal_entries, to_matrix
+from jointstiff.solver.estimation.estimate import Estimate, PostureJackknife, compute_interval_ends
 from jointstiff.solver.estimation.fit import Likelihood
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.observability import Spectrum
 from jointstiff.solver.estimation.problem import Constraints
-from jointstiff.solver.estimation.resampling import fit_subsets, method_stacks
+from jointstiff.solver.estimation.resampling import build_method_stacks, fit_subsets
 from jointstiff.solver.links.choice import Folds, fit_fold
 from jointstiff.solver.links.fit import ElasticEstimate
 from jointstiff.solver.links.model import ElasticColumns, elastic_blocks
@@ -121,7 +121,7 @@ class JointModel(ForwardModel):
         """Build the model from an estimate of the compliances and its constraints."""
         likelihood = estimate.likelihood if estimate.covariance is not None else None
         if likelihood is not None:
-            likelihood = likelihood.inflated(max(float(estimate.sigma or 0.0), _LEAST_SIGMA) ** 2)
+            likelihood = likelihood.multiply_covariance(max(float(estimate.sigma or 0.0), _LEAST_SIGMA) ** 2)
         freedom = None if estimate.sigma_given else estimate.degrees_of_freedom
         return cls(robot, estimate.compliance, likelihood, constraints, degrees_of_freedom=freedom)
 
@@ -244,7 +244,9 @@ class JointModel(ForwardModel):
             return None
         part, value, quantile = rows[:, likelihood.joints], rows @ self.compliance, self.quantile(confidence)
         constraints, radii = self.constraints.select(likelihood.joints), np.array([quantile])
-        ends: FloatArray = interval_ends(likelihood, constraints, part, radii, value, by_profile=False)[0]
+        ends: FloatArray = compute_interval_ends(
+            likelihood, constraints, part, radii, value, by_profile=False
+        )[0]
         # With an order of joints the profile allows less than the bounds: the free ends are wider.
         if not by_profile or constraints.order:
             return ends
@@ -252,7 +254,9 @@ class JointModel(ForwardModel):
         for start in range(0, len(some), _BLOCK):
             block = some[start : start + _BLOCK]
             with suppress(SolverError):  # the free ends cover by themselves, wherever the truth lies
-                ends[block] = interval_ends(likelihood, constraints, part[block], radii, value[block])[0]
+                ends[block] = compute_interval_ends(
+                    likelihood, constraints, part[block], radii, value[block]
+                )[0]
         return ends
 
 
@@ -373,7 +377,10 @@ class ElasticPredictor(ForwardModel):
         if companion.sigma is not None:
             x = entries / form.unit
             penalised = x[form.cone.free : form.cone.nonnegative].reshape(-1, 6).sum(axis=1)
-            traces = [*penalised, *(x[place][diagonal(size)].sum() for size, place in form.cone.blocks())]
+            traces = [
+                *penalised,
+                *(x[place][find_diagonal_entries(size)].sum() for size, place in form.cone.blocks()),
+            ]
             deviation = max(_SHARE_OF_TRACE * float(np.sqrt(np.mean(np.square(traces)))), _LEAST_PRIOR)
             prior = np.full(len(x), deviation)
             prior[: form.cone.free] = _JOINT_PRIOR
@@ -576,7 +583,7 @@ class ModelError:
     #: with it and the leverage [m]; None where noise is stated or nothing but joints bends, and a residual
     #: grows with the root of the load
     noise: float | None = None
-    left_out: LeftOut | None = None  #: the fits without each posture; None where they are not known
+    left_out: PostureJackknife | None = None  #: the fits without each posture; None where they are not known
 
     @staticmethod
     def needed(confidence: float) -> int:
@@ -671,7 +678,7 @@ def leave_postures_out(
     if estimate.robust is not None:
         measurements = estimate.robust.weigh(measurements)
     plain = replace(settings, loss="squared", prior=None, order=())
-    blocks = method_stacks(robot, measurements, plain, estimate)
+    blocks = build_method_stacks(robot, measurements, plain, estimate)
     fits = fit_subsets(blocks, (posture != groups[:, None]).astype(np.float64), plain.bounds)
     of_reading = posture[np.nonzero(measurements.present)[0]]
     left_out = np.isin(of_reading, groups)
@@ -681,7 +688,7 @@ def leave_postures_out(
     half = blocks.regressor.transpose(2, 1, 0) @ model.root[blocks.visible]
     lacking = np.full(len(of_reading), 1.0 / (count - 1))
     error = _compute_model_error(measurements, np.where(left_out, of_reading, -1), residual, half, lacking)
-    return replace(error, left_out=LeftOut(fits, count))
+    return replace(error, left_out=PostureJackknife(fits, count))
 
 
 def leave_folds_out(robot: Robot, measurements: Measurements, elastic: ElasticEstimate) -> ModelError:

@@ -123,7 +123,7 @@ def _compute_plan(planned: PlanInput, request: plans.PlanRequest) -> PlanResult:
             passed_over=_TOO_LITTLE,
         )
     elif prepared is not None:
-        settings = Settings.of(RunOptions(), robot)
+        settings = Settings.from_options(RunOptions(), robot)
         joints = JointsAlone(robot, prepared.measurements, settings, prepared.warnings)
         estimate, screening = joints.estimate, joints.screening
         sigma = estimate.sigma
@@ -140,7 +140,7 @@ def _compute_plan(planned: PlanInput, request: plans.PlanRequest) -> PlanResult:
             request.accept_verdict,
             "the campaign so far",
             "measurement_set_id",
-            passed_over=_TOO_LITTLE | _LINKS if screening.links_speak else _TOO_LITTLE,
+            passed_over=_TOO_LITTLE | _LINKS if screening.links_need_validation else _TOO_LITTLE,
         )
         unexplained = None if prediction.compensation is None else 1.0 - prediction.compensation
     so_far = None if prepared is None else prepared.measurements

@@ -154,7 +154,7 @@ def test_a_thousand_fits_are_drawn_where_no_number_is_given():
             [
                 "Use with care: 1 reason every load point moved by (-9.25, 1.95, 9.44) mm ± (8.38, 4.41, "
                 "29.8) mm in the flange frame (95 %) was fitted with the joints; the intervals include its "
-                "uncertainty, and the stated value stays refuted",
+                "uncertainty, and the readings contradict the stated value",
                 "│ joint_1 │ 3.827 │ 0.046 │ 3.739 … 3.918 │ use with care │",
                 "To do 1. measure the load point on the flange 2. joint_6: 1500 N along (0.00, 0.00, 1.00) "
                 "in posture c08: u 10 % → 9 %",

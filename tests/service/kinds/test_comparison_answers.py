@@ -176,7 +176,8 @@ class TestTwoCampaigns:
                         "residuals_exceed_sigma",
                         "second",
                         "the residuals are 14.2 times as large as the stated noise allows, so the "
-                        "uncertainties are too small; how much depends on what the model leaves unexplained",
+                        "uncertainties are too small; by how much depends on deflections that the model "
+                        "does not explain",
                     ),
                 ],
             ),

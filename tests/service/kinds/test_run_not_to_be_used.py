@@ -10,7 +10,7 @@ from support.refusals import told
 
 RESIDUALS = (
     "the residuals are 11.6 times as large as the stated noise allows, so the uncertainties are too small; "
-    "how much depends on what the model leaves unexplained"
+    "by how much depends on deflections that the model does not explain"
 )
 
 

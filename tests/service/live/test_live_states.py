@@ -94,7 +94,9 @@ def test_one_reading_gives_numbers_that_are_used_with_care(client):
     assert (assessment["verdict"], assessment["joints_identified"]) == ("use_with_care", 5)
     (reason,) = assessment["reasons"]
     assert reason["code"] == "few_postures"
-    assert reason["message"] == "1 distinct posture: the stiffnesses were not tested in other postures"
+    assert reason["message"] == (
+        "the set has 1 distinct posture, so the stiffnesses were not tested in other postures"
+    )
     assert reason["remedy"] == "measure at least 3 postures that differ by 5° or more"
     assert assessment["notes"] == [
         "Forces up to 1471 N (150 kgf), deflections up to 4.62 mm. If N and kgf are confused, every "

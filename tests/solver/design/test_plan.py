@@ -84,7 +84,9 @@ class TestPromise:
         """The estimates scatter as promised, within the sampling error."""
         plan = plan_campaign(robot, request_of(equipment()))
         rng = np.random.default_rng(0)
-        settings = Settings.of(RunOptions(positive=False, complementary_stiffness="included"), robot)
+        settings = Settings.from_options(
+            RunOptions(positive=False, complementary_stiffness="included"), robot
+        )
         readings = (read(plan, rng.standard_normal((2, 12, 3, 3))) for _ in range(draws))
         found = [identify(robot, each, settings) for each in readings]
         promised = plan.uncertainty * ARM.compliances

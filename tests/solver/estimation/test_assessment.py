@@ -12,7 +12,7 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_campaign
 from jointstiff.simulator.equilibrium import equilibrium
-from jointstiff.solver.estimation.assessment import assess, implausible_joints
+from jointstiff.solver.estimation.assessment import assess, report_implausible_joints
 from jointstiff.solver.estimation.causes import LINKS_LEVEL, MISTAKE_LEVEL, fit_causes, screen_estimate
 from jointstiff.solver.estimation.estimate import JointCompliance, predict
 from jointstiff.solver.estimation.joints import JointsAlone
@@ -58,7 +58,7 @@ def exchanged(measurements, columns):
 def assessed(robot, measurements, *, findings=None, prior=None, **options):
     """Inspect, identify, and assess with the options of a run; K_c included if nothing is said."""
     options = {"complementary_stiffness": "included"} | options
-    settings = replace(Settings.of(RunOptions(**options), robot), prior=prior)
+    settings = replace(Settings.from_options(RunOptions(**options), robot), prior=prior)
     if findings is None:
         findings = tuple(inspect(robot, measurements, degrees=False))
     joints = JointsAlone(robot, measurements, settings, findings)
@@ -197,7 +197,7 @@ def test_the_remedy_of_an_implausible_stiffness(stiffnesses, named, remedy):
         for number, stiffness in enumerate(stiffnesses, 1)
     ]
     joints.append(JointCompliance("joint_4", "revolute", "not_observable", reason="never twists"))
-    found = list(implausible_joints(joints))
+    found = list(report_implausible_joints(joints))
     assert set(named.split()) <= {finding.where for finding in found}
     assert bool(named) == bool(found)
     for finding in found:
@@ -259,7 +259,7 @@ class TestSpringsAlone:
         """Without K_c at the test the posture under the load would be taken for links."""
         robot, measurements = springs(3, force=8000.0)
         for choice in ("included", "neglected"):
-            assert not screened(robot, measurements, choice).links_speak
+            assert not screened(robot, measurements, choice).links_need_validation
 
 
 class TestLoad:
@@ -272,7 +272,7 @@ class TestLoad:
             moved = offset * direction / np.linalg.norm(direction)
             wrong = replace(measurements, load_point=measurements.load_point + moved)
             screening = screened(robot, wrong)
-            assert not screening.links_speak
+            assert not screening.links_need_validation
             (cause,) = screening.causes
             assert cause.suspect.name == "load_point"
             assert cause.p_value < MISTAKE_LEVEL
@@ -302,7 +302,7 @@ class TestLoad:
             (cause,) = screening.causes
             assert cause.suspect.name == "constant_force"
             np.testing.assert_allclose(cause.unknowns, payload, atol=25.0)
-            assert not screening.links_speak
+            assert not screening.links_need_validation
 
     @pytest.mark.parametrize("turn", [0.0, 5e-5])
     @pytest.mark.parametrize(("load", "first"), [("pull", 8), ("dead_weight", 0)])
@@ -352,7 +352,7 @@ class TestLoad:
             stated = replace(measurements, sigma=noise.sigma, covariance=noise.covariance)
             screening = screened(robot, stated)
             assert not screening.causes
-            assert not screening.links_speak
+            assert not screening.links_need_validation
 
     @pytest.mark.parametrize("row", [0, 10, 17, 18, 19])
     def test_one_wrong_posture_is_no_tracker_that_moved(self, row):
@@ -379,7 +379,7 @@ def test_beams_speak(configurations, softness):
     for seed in range(2):
         robot, measurements = beams(seed, softness, configurations=configurations)
         screening = screened(robot, measurements)
-        assert screening.links_speak
+        assert screening.links_need_validation
         assert screening.lack_of_fit
         assert not screening.proved
 

@@ -13,7 +13,7 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.estimation.cones import to_vector
-from jointstiff.solver.estimation.conic import LeastSquares, range_of_squares
+from jointstiff.solver.estimation.conic import LeastSquares, compute_unconstrained_range
 from jointstiff.solver.links import choice
 from jointstiff.solver.links.choice import (
     LIMITS,
@@ -201,7 +201,9 @@ def test_models_with_a_base_are_compared_where_its_test_speaks():
         (None, True, 0.5, 1e-9, {*MODELS} - {"joints", "joints_and_base"}),
         (None, True, 0.5, 0.5, {"links_and_base"}),  # each explains what the other does: both compete
     ):
-        tests = SimpleNamespace(base_speaks=speaks, links_beside_base=links, base_beside_links=base)
+        tests = SimpleNamespace(
+            base_needs_validation=speaks, links_p_value_with_base=links, base_p_value_with_links=base
+        )
         assert {*MODELS} - {*list_models_to_compare(tests, asked)} == left_out
 
 
@@ -267,7 +269,7 @@ def test_squares_alone_range_as_far_as_their_ellipsoid_reaches():
     functions = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [3.0, 4.0, 0.0], [0.0, 0.0, 1.0]])
     reach = 0.1 * np.hypot(3.0 / 2.0, 4.0 / 5.0)
     expected = [[0.95, 1.05], [-2.02, -1.98], [11.0 - reach, 11.0 + reach], [np.nan, np.nan]]
-    np.testing.assert_allclose(range_of_squares(squares, functions, 0.1), expected, rtol=1e-12)
+    np.testing.assert_allclose(compute_unconstrained_range(squares, functions, 0.1), expected, rtol=1e-12)
 
 
 def test_effective_compliance_is_the_rotation_about_an_axis_of_any_direction(elastic):

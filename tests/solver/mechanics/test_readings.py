@@ -378,16 +378,16 @@ def test_the_model_predicts_other_postures_and_places(pedestal, found):
 
 def test_a_test_speaks_for_a_pedestal_and_links_have_nothing_to_say_beside_it(pedestal):
     screening = screen_estimate(*pedestal, estimate(*pedestal))
-    assert screening.base_speaks
+    assert screening.base_needs_validation
     assert screening.base_p_value < 1e-20
-    assert screening.links_beside_base > LINKS_LEVEL
+    assert screening.links_p_value_with_base > LINKS_LEVEL
     assert list_models_to_compare(screening, None) == ("joints", "joints_and_base")
 
 
 def test_a_clean_arm_has_no_base(pedestal):
     clean = prepare(pedestal_campaign(ARM, np.inf, seed=1))
     screening = screen_estimate(*clean, estimate(*clean))
-    assert not screening.base_speaks
+    assert not screening.base_needs_validation
     assert not WITH_BASE & set(list_models_to_compare(screening, None))
     assert not WITH_BASE & set(list_models_to_compare(screening, "joints_and_links"))
     assert list_models_to_compare(screening, "joints_and_base") == MODELS

@@ -13,7 +13,7 @@ from jointstiff.schemas.robot import DhRow
 from jointstiff.simulator import TARGETS, default_arm, equilibrium, torques
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign, elastic_deflections
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation.estimate import LeftOut, UncertaintyBudget
+from jointstiff.solver.estimation.estimate import PostureJackknife, UncertaintyBudget
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.problem import Bounds, Constraints
@@ -424,14 +424,14 @@ def noisy():
 def test_numbers_that_are_not_finite_are_no_dispersion_over_the_postures():
     found = identify(ROBOT, noisy(), Settings("partial_pose", "covariance", Bounds.positive(ROBOT.n)))
     fits = found.compliance * (1.0 + 0.1 * np.random.default_rng(2).standard_normal((30, ROBOT.n)))
-    known = UncertaintyBudget.of(found, 0.95, LeftOut(fits[1:], 30))
+    known = UncertaintyBudget.from_estimate(found, 0.95, PostureJackknife(fits[1:], 30))
     fits[0] = np.inf
-    with_infinite = UncertaintyBudget.of(found, 0.95, LeftOut(fits, 30))
+    with_infinite = UncertaintyBudget.from_estimate(found, 0.95, PostureJackknife(fits, 30))
     for one, other in zip(known.components, with_infinite.components, strict=True):
         np.testing.assert_array_equal(one.covariance, other.covariance)
     assert "model_error" in [part.source for part in known.components]
     nothing = replace(found, covariance=np.full((ROBOT.n, ROBOT.n), np.nan))
-    budget = UncertaintyBudget.of(nothing, 0.95, LeftOut(fits, 30))
+    budget = UncertaintyBudget.from_estimate(nothing, 0.95, PostureJackknife(fits, 30))
     assert "model_error" not in [part.source for part in budget.components]
 
 
