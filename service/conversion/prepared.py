@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 Header = TypeVar("Header", bound=MeasurementSetHeader)
 
 
-def stated_transform(frame: Frame, length: float) -> pin.SE3:
+def orthonormalise_transform(frame: Frame, length: float) -> pin.SE3:
     """Return the transform from tracker to R0 [m] that a frame states, its rotation made orthonormal.
 
     Args:
@@ -64,7 +64,7 @@ def stated_transform(frame: Frame, length: float) -> pin.SE3:
     """
     from jointstiff.solver.geometry import poses
 
-    return poses.stated_transform(
+    return poses.orthonormalise_transform(
         np.array(frame.rotation, dtype=np.float64), length * np.array(frame.translation, dtype=np.float64)
     )
 
@@ -352,7 +352,7 @@ def own_frame(document: MeasurementSetDocument) -> ResolvedFrame | None:
             remedy="give the frame's rotation and translation, or use a service",
             where="frame.geometry_id",
         )
-    return to_resolved(stated_transform(frame, LENGTH[document.units.length]))
+    return to_resolved(orthonormalise_transform(frame, LENGTH[document.units.length]))
 
 
 def _read_uploaded_urdf(model: UrdfModel) -> KinematicChain:

@@ -25,9 +25,9 @@ from jointstiff.schemas.plan import Goal, PlannedReading
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.prepared import (
     PreparedRobot,
+    orthonormalise_transform,
     own_frame,
     prepare_robot,
-    stated_transform,
 )
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.live.campaign import MOST_READINGS, Declared, Entry, LiveCampaign
@@ -409,7 +409,7 @@ class LiveMeasurement:
         sigma = length * noise if noise else options.sigma or _SIMULATED_SIGMA
         if post.frame is None or post.frame.rotation is None:
             return Setting(self._robot, targets, point, sigma)
-        transform = stated_transform(post.frame, length)
+        transform = orthonormalise_transform(post.frame, length)
         return Setting(
             self._robot, targets, point, sigma, (transform.rotation, np.asarray(transform.translation))
         )

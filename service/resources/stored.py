@@ -27,9 +27,9 @@ from jointstiff.service.conversion.prepared import (
     build_robot,
     check_set,
     in_base,
+    orthonormalise_transform,
     placed,
     prepare_robot,
-    stated_transform,
     to_base_targets,
     to_resolved,
     without,
@@ -52,7 +52,7 @@ from jointstiff.service.store.tables import (
     RobotRecord,
 )
 from jointstiff.solver.errors import MeasurementError, RequestError
-from jointstiff.solver.geometry.identification import drift_findings
+from jointstiff.solver.geometry.identification import report_drift
 from jointstiff.solver.integrity.other_robots import KnownRobot
 from jointstiff.solver.mechanics.postures import find_wrist
 from jointstiff.solver.mechanics.robot import Robot
@@ -453,7 +453,7 @@ def resolve_frame(store: Store, request: MeasurementSetRequest) -> tuple[Resolve
         return None, []
     length = LENGTH[request.units.length]
     if frame.geometry_id is None:
-        return to_resolved(stated_transform(frame, length)), []
+        return to_resolved(orthonormalise_transform(frame, length)), []
     geometry, result = succeeded_geometry(store, frame.geometry_id, "frame.geometry_id")
     transform = _to_rigid_motion(result.transform_tracker_to_base)
     warnings: list[Finding] = []
@@ -495,7 +495,7 @@ def _estimate_drift(
     places = [r.unloaded for o in request.observations for r in o.readings if r.unloaded is not None]
     # The drift is stated at the middle of the readings, where it matters.
     middle = LENGTH[request.units.length] * np.mean(places, axis=0) if places else read.after.mean(axis=0)
-    drift = read.drift(result.sigma, middle)
+    drift = read.fit_drift(result.sigma, middle)
     warnings = [
         finding.model_copy(
             update={
@@ -506,7 +506,7 @@ def _estimate_drift(
         )
         if finding.code == "base_drifted"
         else finding
-        for finding in drift_findings(drift, read)
+        for finding in report_drift(drift, read)
     ]
     return drift, warnings
 
