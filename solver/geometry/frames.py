@@ -559,8 +559,9 @@ def trilaterate(
     height2 = float(r[0] ** 2 - foot @ foot)
     if not height2 > 0.0:
         raise MeasurementError(
-            "no point has these distances from the three targets, or the point lies in the plane of the
-            targets", where="targets",
+            "no point has these distances from the three targets, or the point lies in the plane of "
+            "the targets",
+            where="targets",
             remedy="check the distances; trilateration cannot find a centre that lies in the plane of the "
             "targets",
         )

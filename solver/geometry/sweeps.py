@@ -215,7 +215,7 @@ class SweepSet:
 
     @cached_property
     def whitened(self) -> PoseReadings:
-        """Readings of all sweeps in order; each position has its own correction of the turned joint's angle."""
+        """Readings of all sweeps in order; each position has its own correction of the turned joint."""
         slopes = [np.tile(self.joint_map.matrix[:, sweep.joint], (len(sweep), 1)) for sweep in self.sweeps]
         return PoseReadings(
             angles=np.concatenate([self.model_angles(sweep) for sweep in self.sweeps]),
