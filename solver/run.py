@@ -89,7 +89,7 @@ class Identification:
         self.long: Draws | Competition | None = None
         if options.weight is None:
             causes = [cause.pair for cause in options.causes]
-            self._measurements = fit_causes(robot, measurements.with_loads(), causes)
+            self._measurements = fit_causes(robot, measurements.require_loads(), causes)
             self._settings = Settings.of(options, robot)
             self.long = self._competition
             if self.long is None and options.resampling is not None:

@@ -34,7 +34,7 @@ from jointstiff.solver.links.model import (
     formulate,
     select_rows_of_part,
 )
-from jointstiff.solver.mechanics.measurements import Measurements, first_equal
+from jointstiff.solver.mechanics.measurements import Measurements, find_first_equal
 from jointstiff.solver.mechanics.robot import Robot
 
 
@@ -82,7 +82,7 @@ def draw_folds(validation: CrossValidation, joints: FloatArray) -> tuple[IndexAr
         UnsupportedMethodError: there is one posture only.
     """
     # Postures are numbered by first appearance, so that the values of the angles do not affect the draw.
-    postures, posture = np.unique(first_equal(joints), return_inverse=True)
+    postures, posture = np.unique(find_first_equal(joints), return_inverse=True)
     count = len(postures)
     if count < 2:
         raise UnsupportedMethodError(
@@ -393,7 +393,7 @@ def select_model(
     places = {key: choose_weight_index(paths[key].errors, validation.rule, validation.draws) for key in keys}
     chosen = np.array([paths[key].compliances[:, place] for key, place in places.items()])
     compensation, norms = _score_held_out(folds, chosen)
-    posture = np.unique(first_equal(folds.measurements.joints), return_inverse=True)[1]
+    posture = np.unique(find_first_equal(folds.measurements.joints), return_inverse=True)[1]
     of_posture = posture[np.concatenate(folds.held_out)]
     by_posture = np.array([np.bincount(of_posture, row) for row in norms]) / np.bincount(of_posture)
     models = tuple(
