@@ -25,7 +25,7 @@ from jointstiff.solver.estimation.causes import fit_causes
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Loss, Settings
 from jointstiff.solver.estimation.resampling import Draws
-from jointstiff.solver.links.competition import Competition, Winner, excluded_option
+from jointstiff.solver.links.competition import Competition, Winner, find_excluding_option
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.own_weight.run import run_by_weight
@@ -105,7 +105,7 @@ class Identification:
         """Name of the option that rules out elastic links in an automatic choice; None if no option does."""
         if self._options.elasticity != "automatic":
             return None
-        return excluded_option(self._options, self._settings, self._robot, self._measurements)
+        return find_excluding_option(self._options, self._settings, self._robot, self._measurements)
 
     @cached_property
     def _competition(self) -> Competition | None:

@@ -118,7 +118,7 @@ def _cross_validated(robot: Robot, measurements: Measurements) -> float:
     folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation())
     models = [ElasticModel("joints_and_links", COLUMNS, loss) for loss in LOSSES]
     selection = select_model(folds, {model.key: fit_folds(folds, model, WEIGHTS) for model in models})
-    return 100 * selection.of("joints_and_links").compensation
+    return 100 * selection.find_held_out("joints_and_links").compensation
 
 
 def _best_loss(
