@@ -133,7 +133,7 @@ def _best_loss(
     _, path, model = min(chosen, key=lambda each: each[0])
     if name == "joints":
         form = folds.formulation(model)
-        return form.compliances(form.joints_only()), None
+        return form.compliances(form.fit_joints_only()), None
     path = refine_path(folds, model, path)
     elastic = fit_first_certified(folds, model, path.weights[choose_weight_index(path.errors, "best") :])
     return elastic.entries, elastic
