@@ -309,34 +309,36 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
         The centre (3,) [m] is in the tracker's frame; `influence` (3, m) is its derivative with respect to
         the whitened readings.
         """
-        there = transform_points(T, centre)
+        centre_in_base = transform_points(T, centre)
         # The influence of the readings on R0 may have further columns, for joint angles at rest.
-        of_both = differentiate_by_rigid_motion(there) @ base.jacobian @ base.identified.influence
-        of_both[:, : influence.shape[1]] += T.rotation @ influence
+        base_influence = (
+            differentiate_by_rigid_motion(centre_in_base) @ base.jacobian @ base.identified.influence
+        )
+        base_influence[:, : influence.shape[1]] += T.rotation @ influence
         return {
             "tracker": centre.tolist(),
             "tracker_covariance": (sigma**2 * influence @ influence.T).tolist(),
-            "base": there.tolist(),
-            "base_covariance": (sigma**2 * of_both @ of_both.T).tolist(),
+            "base": centre_in_base.tolist(),
+            "base_covariance": (sigma**2 * base_influence @ base_influence.T).tolist(),
         }
 
     informations = [np.linalg.inv(sigma**2 * influence @ influence.T) for _, _, influence in ways]
     weights = np.linalg.inv(np.sum(informations, axis=0)) @ informations  # matrices whose sum is the identity
-    weighed = list(zip(weights, ways, strict=True))
+    weighted_ways = list(zip(weights, ways, strict=True))
     estimates = [
         WristCentre(way=way, weight=float(np.trace(W) / 3.0), **express_in_both_frames(centre, influence))
-        for W, (way, centre, influence) in weighed
+        for W, (way, centre, influence) in weighted_ways
     ]
     # The weighted centre, then its derivative with respect to the readings
-    combined = (np.sum([W @ way[i] for W, way in weighed], axis=0) for i in (1, 2))
+    combined = (np.sum([W @ way[i] for W, way in weighted_ways], axis=0) for i in (1, 2))
     distances = []
     for (first, centre_1, influence_1), (second, centre_2, influence_2) in combinations(ways, 2):
         gap, difference = centre_1 - centre_2, sigma * (influence_1 - influence_2)
         U, singular, _ = np.linalg.svd(difference, full_matrices=False)
         # The χ² test leaves out directions in which noise moves both estimates alike.
-        seen = singular > 1e-6 * max(singular[0], 1e-300)
-        statistic = float(np.sum(((U.T @ gap)[seen] / singular[seen]) ** 2))
-        probability = float(special.chdtrc(int(seen.sum()), statistic))
+        distinguishable = singular > 1e-6 * max(singular[0], 1e-300)
+        statistic = float(np.sum(((U.T @ gap)[distinguishable] / singular[distinguishable]) ** 2))
+        probability = float(special.chdtrc(int(distinguishable.sum()), statistic))
         distance = float(np.linalg.norm(gap))
         distances.append(
             WristDistance(first=first, second=second, distance=distance, probability=probability)

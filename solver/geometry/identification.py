@@ -578,7 +578,7 @@ def _assemble_result(
     links = [] if nominal is None else compare_links(identified, base, flange, nominal)
     listed = list(findings)
     wrist, no_wrist, drift = None, None, None
-    if wrist_axes.unseen.size:
+    if wrist_axes.undetermined.size:
         no_wrist = "the poses do not determine all axes"
     else:
         try:
@@ -644,9 +644,9 @@ def _place_axes(base: BaseFrame, names: Sequence[str]) -> list[results.Identifie
         return np.ravel([[axis.nearest(other.point), axis.direction] for axis, other in pairs])
 
     covariances = identified.covariances(identified.jacobian_of(axis_coordinates)).reshape(-1, 2, 3, 3)
-    seen = np.isfinite(covariances).all(axis=(-2, -1))
-    greatest = np.full(seen.shape, np.nan)  # standard uncertainty in any direction
-    greatest[seen] = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances[seen])[:, -1], 0.0))
+    is_determined = np.isfinite(covariances).all(axis=(-2, -1))
+    greatest = np.full(is_determined.shape, np.nan)  # standard uncertainty in any direction
+    greatest[is_determined] = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances[is_determined])[:, -1], 0.0))
     return rows(
         results.IdentifiedAxis,
         name=names,

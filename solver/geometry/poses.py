@@ -199,7 +199,8 @@ class LinearFit:
     left: FloatArray  #: (m, k) orthonormal basis U of the range of J, k the rank
     #: (p, k) matrix with δ = inverse Uᵀ r; where J is rank deficient, δ has minimum norm in scaled unknowns
     inverse: FloatArray
-    unseen: FloatArray  #: (p, p - k) orthonormal combinations of scaled unknowns that r does not determine
+    #: (p, p - k) orthonormal combinations of scaled unknowns that r does not determine
+    undetermined: FloatArray
     scale: FloatArray  #: (p,) norms of the columns of J; 1 for a null column
     #: unknowns that each affect one group of readings only, eliminated from the p unknowns; None without any
     own: OwnUnknowns | None = None
@@ -223,9 +224,9 @@ class LinearFit:
         Q, R = np.linalg.qr(unit)
         U, s, Vt = np.linalg.svd(R, full_matrices=False)
         rank = int((s > _RANK_TOLERANCE * s[0]).sum()) if s.size and s[0] > 0.0 else 0
-        seen = Vt[:rank].T
-        unseen = np.linalg.svd(seen)[0][:, rank:] if rank < len(scale) else np.zeros((rank, 0))
-        return cls(residual, Q @ U[:, :rank], seen / s[:rank] / scale[:, None], unseen, scale)
+        determined = Vt[:rank].T
+        undetermined = np.linalg.svd(determined)[0][:, rank:] if rank < len(scale) else np.zeros((rank, 0))
+        return cls(residual, Q @ U[:, :rank], determined / s[:rank] / scale[:, None], undetermined, scale)
 
     @property
     def pseudo_inverse(self) -> FloatArray:
@@ -250,7 +251,7 @@ class LinearFit:
 
     def determines(self, unknowns: slice) -> bool:
         """Return whether the readings determine every one of these unknowns."""
-        return bool((np.linalg.norm(self.unseen[unknowns], axis=1) < _UNDETERMINED).all())
+        return bool((np.linalg.norm(self.undetermined[unknowns], axis=1) < _UNDETERMINED).all())
 
     def step(self, damping: float = 0.0) -> FloatArray:
         """Return the least squares step (p + G,): δ of the p unknowns, then the groups' own unknowns.
@@ -370,7 +371,7 @@ Geometry = Callable[[Sequence[Axis], FloatArray], FloatArray]
 LEAST_REACH, MOST_REACH = 1e-2, 50.0
 """Displacements of a target [m] that no robot's readings stay below, or exceed: the unit is wrong."""
 
-_HIDDEN = 1e-6  # share of a quantity in unseen combinations, above which it is not determined
+_HIDDEN = 1e-6  # share of a quantity in undetermined combinations, above which it is not determined
 _STEP = 1e-6  # of the difference quotients [m, rad]: both truncation and rounding are some 1e-10
 _BEYOND_NOISE = 1e-6  # probability of chance below which residuals exceed the stated sigma
 _NAMED = 0.1  # least share of an unknown in a combination for which it is named
@@ -664,7 +665,7 @@ class IdentifiedAxes:
     dof: int  #: degrees of freedom of the residuals
     #: (4 n + 3 T, r) combinations of charts and targets that the readings do not determine: they keep their
     #: start values, and the covariance does not contain them
-    unseen: FloatArray = field(default_factory=lambda: np.zeros((0, 0)), kw_only=True)
+    undetermined: FloatArray = field(default_factory=lambda: np.zeros((0, 0)), kw_only=True)
 
     @property
     def n(self) -> int:
@@ -691,10 +692,10 @@ class IdentifiedAxes:
         `jacobian` (k, 4 n + 3 T) is the derivative of the quantities with respect to charts and targets.
         """
         spread = np.sqrt(np.einsum("ij,jk,ik->i", jacobian, self.covariance, jacobian))
-        if not self.unseen.size:
+        if not self.undetermined.size:
             return np.asarray(spread)
-        hidden = np.abs(jacobian @ self.unseen).max(axis=1)
-        reach = np.linalg.norm(jacobian, axis=1) * np.linalg.norm(self.unseen, axis=0).max()
+        hidden = np.abs(jacobian @ self.undetermined).max(axis=1)
+        reach = np.linalg.norm(jacobian, axis=1) * np.linalg.norm(self.undetermined, axis=0).max()
         return np.where(hidden > _HIDDEN * reach, np.inf, spread)
 
     def covariances(self, jacobian: FloatArray, size: int = 3) -> FloatArray:
@@ -842,7 +843,7 @@ def calibrate(
         dof=dof,
         evidence=evidence,
         exceeded_sigma=poses.sigma if exceeds else None,
-        unseen=linear.unseen / linear.scale[:, None],
+        undetermined=linear.undetermined / linear.scale[:, None],
     )
 
 
@@ -905,7 +906,9 @@ def _name_undetermined_combinations(linear: LinearFit, n: int, targets: Sequence
     names = [f"axis {i + 1} {what}" for i in range(n) for what in _CHART_NAMES]
     names += [f"target {target} {coordinate}" for target in targets for coordinate in "xyz"]
     # Pivoting finds the unknowns that are least determined, one for each combination.
-    _, order = qr(linear.unseen.T, mode="r", pivoting=True)
-    reduced = linear.unseen @ np.linalg.inv(linear.unseen[np.sort(order[: linear.unseen.shape[1]])])
+    _, order = qr(linear.undetermined.T, mode="r", pivoting=True)
+    reduced = linear.undetermined @ np.linalg.inv(
+        linear.undetermined[np.sort(order[: linear.undetermined.shape[1]])]
+    )
     shares = np.abs(reduced) / np.abs(reduced).max(axis=0)
     return [[name for name, part in zip(names, share, strict=True) if part > _NAMED] for share in shares.T]

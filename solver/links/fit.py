@@ -168,16 +168,16 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
     if not gap <= CERTIFIED_GAP:
         raise _uncertified_error(weight)
     squares, weight_of_squares = formulation.companion(model, compliances, weight, threshold)
-    freedom, left, sigma, chi_square = _summarise_residuals(
+    freedom, freedom_left, sigma, chi_square = _summarise_residuals(
         squares, weight_of_squares, compliances, measurements.sigma
     )
     elements, prediction = _shares_of_elements(robot, measurements, model, compliances)
-    seen = np.isin(np.arange(robot.n), formulation.columns)
+    determined = np.isin(np.arange(robot.n), formulation.columns)
     joints = to_matrix(compliances[columns.coupling], columns.n) + np.diag(compliances[columns.joints])
     return ElasticEstimate(
         model=model,
         penalty=weight,
-        compliance=np.where(seen, np.diagonal(joints), np.nan),
+        compliance=np.where(determined, np.diagonal(joints), np.nan),
         coupled_joints=joints if model.name == "coupled_joints" else None,
         entries=compliances,
         links=tuple(
@@ -194,7 +194,7 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
         prediction=prediction,
         sigma=sigma,
         chi_square=chi_square,
-        degrees_of_freedom=left,
+        degrees_of_freedom=freedom_left,
         effective_freedom=float(freedom.sum()),
         parameters=len(formulation.columns),
         certificate=LinkCertificate(
@@ -320,8 +320,8 @@ def _shares_of_elements(
     predicted, along = [], []
     for block, rows in elastic_blocks(robot, measurements, model.columns):
         # Missing readings add nothing: their rows and deflections are zero.
-        weighed = np.einsum("btip,bti->bp", rows[..., :-1], block.measurements.deflection) * compliances
-        along.append(np.stack([weighed[:, own].sum(axis=1) for _, _, own in places]))
+        work = np.einsum("btip,bti->bp", rows[..., :-1], block.measurements.deflection) * compliances
+        along.append(np.stack([work[:, own].sum(axis=1) for _, _, own in places]))
         predicted.append(rows[..., :-1] @ compliances)
     measured = np.square(measurements.deflection).sum(axis=(1, 2))
     explained = np.concatenate(along, axis=1)

@@ -275,19 +275,25 @@ class ElasticModel:
         """Return the pair of name and loss, which identifies the model within a run."""
         return self.name, self.loss
 
-    def elements(self, seen: BoolArray, lever: FloatArray) -> Iterator[tuple[IndexArray, FloatArray, bool]]:
+    def elements(
+        self, determined: BoolArray, lever: FloatArray
+    ) -> Iterator[tuple[IndexArray, FloatArray, bool]]:
         """Yield the penalised elements: columns, diagonal of K, and whether the compliance is a full matrix.
 
         The penalty of an element with compliance C is the trace of K C K, K diagonal.
 
         Args:
-            seen: (n,) mask of the joints whose compliance is determined.
+            determined: (n,) mask of the joints whose compliance is determined.
             lever: (n + 1,) lever ρ of the load about each joint's frame and the base [m].
         """
         turning = np.sqrt(2.0 / 3.0) * lever
         if self.name == "coupled_joints":
             rows, columns = entries(self.columns.n)
-            yield self.columns.coupling[seen[rows] & seen[columns]], turning[:BASE][seen], True
+            yield (
+                self.columns.coupling[determined[rows] & determined[columns]],
+                turning[:BASE][determined],
+                True,
+            )
         for frame in self.frames:
             full = self.name != "diagonal_links"
             own = self.columns.link(frame)
@@ -451,8 +457,8 @@ class Formulation:
             threshold = model.threshold * max(self._robust_scale(compliances), self.sigma or 0.0)
         norms = self.rows.residual_norms(compliances)
         weighted = self.rows.weight_targets(threshold / np.maximum(norms, threshold))
-        seen = np.isin(np.arange(model.columns.n), self.columns)
-        squares = formulate(weighted, model, seen, self.sigma)
+        determined = np.isin(np.arange(model.columns.n), self.columns)
+        squares = formulate(weighted, model, determined, self.sigma)
         return squares, 2.0 * self.total * threshold * weight / squares.size**2
 
     def weight_of_squares(self, model: ElasticModel, compliances: FloatArray, weight: float) -> float:
@@ -489,11 +495,11 @@ def formulate(
     triangle, z = rows.triangle[:, :-1], rows.triangle[:, -1]
     size = float(np.linalg.norm(z))
     norms = np.linalg.norm(triangle[:, model.columns.joints], axis=0)
-    seen = visible & (norms > _NO_COLUMN * norms.max())
-    joints = np.flatnonzero(seen)
+    determined = visible & (norms > _NO_COLUMN * norms.max())
+    joints = np.flatnonzero(determined)
     scale, lever = _scale_penalty(rows, size)
     scalars, blocks, sizes = [(joints, size / norms[joints])], [], []
-    for columns, root, full in model.elements(seen, lever):
+    for columns, root, full in model.elements(determined, lever):
         if full:
             i, j = entries(len(root))
             blocks.append((columns, scale / (root[i] * root[j])))

@@ -361,10 +361,10 @@ def fix_prismatic_joints(robot: Robot, held: FloatArray) -> Robot:
             remedy="give a joint map in which prismatic joints depend on prismatic joints only",
             where="joint_map.matrix",
         )
-    by_held = matrix[:, slides] @ held[slides] + offset
-    at = in_configuration_space(robot.model, np.where(slides, by_held, 0.0)[None])[0]
+    offset_with_held = matrix[:, slides] @ held[slides] + offset
+    at = in_configuration_space(robot.model, np.where(slides, offset_with_held, 0.0)[None])[0]
     fixed = (np.flatnonzero(slides) + 1).tolist()
-    joint_map = JointMap(matrix[np.ix_(~slides, ~slides)], by_held[~slides])
+    joint_map = JointMap(matrix[np.ix_(~slides, ~slides)], offset_with_held[~slides])
     return Robot(pin.buildReducedModel(_add_frames(robot), fixed, at), joint_map, flange=robot.flange)
 
 

@@ -296,7 +296,7 @@ def test_a_joint_that_never_turned_is_named_and_its_numbers_have_no_uncertainty(
     assert by_key["alpha", "joint_3"] is by_key["a", "joint_4"] is None
     assert by_key["a", "joint_2"] < 100e-6
     one = np.eye(len(found.covariance))
-    several = replace(found, covariance=one, unseen=np.column_stack([1e3 * one[0], 1e-2 * one[5]]))
+    several = replace(found, covariance=one, undetermined=np.column_stack([1e3 * one[0], 1e-2 * one[5]]))
     rows = np.stack([one[0], one[5], one[1], one[1] + 1e-8 * one[0]])
     assert several.standard_uncertainties(rows).tolist() == [np.inf, np.inf, 1.0, 1.0]
 
