@@ -26,9 +26,9 @@ from jointstiff.solver.estimation.estimate import (
     predict,
 )
 from jointstiff.solver.estimation.joints import JointsAlone
-from jointstiff.solver.links.choice import judge_losses, judge_penalty
+from jointstiff.solver.links.choice import report_losses, report_penalty
 from jointstiff.solver.links.competition import Competition, Elastic, Winner
-from jointstiff.solver.links.fit import with_links
+from jointstiff.solver.links.fit import replace_by_effective
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.messages import finite, rows, stated_kinds
 from jointstiff.solver.predict.answers import build_stored_model
@@ -119,15 +119,15 @@ def report_elastic_model(
         screening: tests of the residuals of joints alone.
     """
     robot, measurements, fitted = joints.robot, joints.measurements, elastic.estimate
-    estimate = with_links(joints.estimate, fitted, elastic.effective)
+    estimate = replace_by_effective(joints.estimate, fitted, elastic.effective)
     assessment = assess(joints, estimate, fitted.prediction, screening)
     outlying = any(reason.code in _OUTLYING for reason in assessment.reasons)
     warnings = [each for each in joints.noticed if outlying or each.code != "residual_outlier"]
     warnings += assessment.remarks
     if not competition.penalty_is_given:
-        warnings += judge_penalty(winner.held_out.penalty or fitted.penalty, fitted.penalty)
+        warnings += report_penalty(winner.held_out.penalty or fitted.penalty, fitted.penalty)
         if competition.loss_is_automatic:
-            warnings += judge_losses(int(measurements.present.sum()))
+            warnings += report_losses(int(measurements.present.sum()))
     error: ModelError | JointstiffError
     try:
         error = leave_folds_out(robot, measurements, fitted)
@@ -227,7 +227,7 @@ def describe_choice_by_comparison(winner: Winner, screening: Screening) -> Model
             )
             for each in selection.models
         ],
-        losses={scored.model: selection.of(scored.model).loss for scored in selection.models},
+        losses={scored.model: selection.find_held_out(scored.model).loss for scored in selection.models},
         best=selection.best,
         simplest=selection.simplest,
     )

@@ -25,7 +25,7 @@ from jointstiff.solver.estimation.causes import fit_causes
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Loss, Settings
 from jointstiff.solver.estimation.resampling import Draws
-from jointstiff.solver.links.competition import Competition, Winner, excluded_option
+from jointstiff.solver.links.competition import Competition, Winner, find_excluding_option
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.own_weight.run import run_by_weight
@@ -89,7 +89,7 @@ class Identification:
         self.long: Draws | Competition | None = None
         if options.weight is None:
             causes = [cause.pair for cause in options.causes]
-            self._measurements = fit_causes(robot, measurements.with_loads(), causes)
+            self._measurements = fit_causes(robot, measurements.require_loads(), causes)
             self._settings = Settings.from_options(options, robot)
             self.long = self._competition
             if self.long is None and options.resampling is not None:
@@ -105,7 +105,7 @@ class Identification:
         """Name of the option that rules out elastic links in an automatic choice; None if no option does."""
         if self._options.elasticity != "automatic":
             return None
-        return excluded_option(self._options, self._settings, self._robot, self._measurements)
+        return find_excluding_option(self._options, self._settings, self._robot, self._measurements)
 
     @cached_property
     def _competition(self) -> Competition | None:

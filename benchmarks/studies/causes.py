@@ -216,6 +216,6 @@ def _clean(seed: int) -> _Outcome:
     read = _read(Planted(design.loaded, design), generator, sigma=True)
     if seed % 2:
         sheet = Instrument((4.0, 1.0, 1.5), 3e-6, 1e-6, 1e-5, 5e-6)
-        noise = DifferenceNoise.by(sheet, robot_of(design.arm), read)
+        noise = DifferenceNoise.from_instrument(sheet, robot_of(design.arm), read)
         read = replace(read, sigma=noise.sigma, covariance=noise.covariance)
     return _outcome(design.arm, read)

@@ -59,7 +59,7 @@ def formats(robot: Robot, count: int) -> Iterator[tuple[str, ...]]:
         if notation.has_pose:
             new = read_program([(name, decompress_file(result.files[0]))])
             poses = notation.poses(new.targets.values[:, : 3 + notation.count])
-            angles, _ = inverse.polished(poses @ np.linalg.inv(to_tool), joints)
+            angles, _ = inverse.refine(poses @ np.linalg.inv(to_tool), joints)
             off = (
                 f"{np.linalg.norm(loaded_poses(angles, FORCE)[:, :3, 3] - goal[:, :3, 3], axis=1).max():.1e}"
             )

@@ -14,7 +14,7 @@ from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.identification import Conventions
 from jointstiff.solver.geometry.poses import Poses
 from jointstiff.solver.geometry.sweeps import Sweep, SweepSet
-from jointstiff.solver.mechanics.measurements import at_read_places
+from jointstiff.solver.mechanics.measurements import fill_unread_places
 from jointstiff.solver.mechanics.robot import JointMap, Robot
 
 
@@ -77,7 +77,7 @@ class _Readings:
         """
         if self._instrument is None or self.sigma is None:
             return np.eye(3)
-        return self._instrument.covariance(at_read_places(points, present)) / self.sigma**2
+        return self._instrument.covariance(fill_unread_places(points, present)) / self.sigma**2
 
 
 def to_sweeps(request: GeometryRequest, robot: Robot | None) -> SweepSet:

@@ -64,7 +64,7 @@ def read_stated_transform(frame: Frame, length: float) -> pin.SE3:
     """
     from jointstiff.solver.geometry import poses
 
-    return poses.stated_transform(
+    return poses.orthonormalise_transform(
         np.array(frame.rotation, dtype=np.float64), length * np.array(frame.translation, dtype=np.float64)
     )
 

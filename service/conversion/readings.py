@@ -37,7 +37,7 @@ from jointstiff.solver.mechanics.measurements import (
     EncoderReadings,
     Measurements,
     position_covariances,
-    refuse_no_covariance,
+    refuse_invalid_covariance,
 )
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
@@ -301,13 +301,13 @@ def to_noise(
     unloaded, loaded = of_set if instrument is None else position_covariances(instrument, robot, plain)
     if points is not None:
         parts = points.covariances()
-        refuse_no_covariance(parts[0], own, "unloaded_covariance")
-        refuse_no_covariance(parts[1], own, "loaded_covariance")
+        refuse_invalid_covariance(parts[0], own, "unloaded_covariance")
+        refuse_invalid_covariance(parts[1], own, "loaded_covariance")
         unloaded, loaded = (
             np.where(own[..., None, None], length**2 * part, other)
             for part, other in zip(parts, (unloaded, loaded), strict=True)
         )
-    stated = DifferenceNoise.of(unloaded, loaded, plain.coordinates)
+    stated = DifferenceNoise.from_positions(unloaded, loaded, plain.coordinates)
     return stated.sigma, stated.covariance
 
 

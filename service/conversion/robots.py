@@ -130,7 +130,7 @@ def refuse_far_point(point: Sequence[float] | None, where: str, *, length: float
 
 def joint_factors(robot: Robot, units: Units | GeometryUnits) -> FloatArray:
     """Return factors (n,) from the units of the joints' positions to rad, or to m for prismatic joints."""
-    return robot.by_kind(ANGLE[units.angle], LENGTH[units.length])
+    return robot.select_by_kind(ANGLE[units.angle], LENGTH[units.length])
 
 
 def refuse_wrong_joint_count(robot: Robot, angles: Sequence[float], where: str) -> None:

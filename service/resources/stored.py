@@ -52,7 +52,7 @@ from jointstiff.service.store.tables import (
     RobotRecord,
 )
 from jointstiff.solver.errors import MeasurementError, RequestError
-from jointstiff.solver.geometry.identification import drift_findings
+from jointstiff.solver.geometry.identification import report_drift
 from jointstiff.solver.integrity.other_robots import KnownRobot
 from jointstiff.solver.mechanics.postures import find_wrist
 from jointstiff.solver.mechanics.robot import Robot
@@ -501,7 +501,7 @@ def _estimate_drift(
     places = [r.unloaded for o in request.observations for r in o.readings if r.unloaded is not None]
     # The drift is stated at the middle of the readings, where it matters.
     middle = LENGTH[request.units.length] * np.mean(places, axis=0) if places else read.after.mean(axis=0)
-    drift = read.drift(result.sigma, middle)
+    drift = read.fit_drift(result.sigma, middle)
     warnings = [
         finding.model_copy(
             update={
@@ -512,7 +512,7 @@ def _estimate_drift(
         )
         if finding.code == "base_drifted"  # harmless here, as the transform corrects the drift
         else finding
-        for finding in drift_findings(drift, read)
+        for finding in report_drift(drift, read)
     ]
     return drift, warnings
 

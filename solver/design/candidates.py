@@ -92,7 +92,7 @@ class Equipment:
         )
         if self.instrument is None:
             return plain
-        noise = DifferenceNoise.by(self.instrument, robot, plain)
+        noise = DifferenceNoise.from_instrument(self.instrument, robot, plain)
         # The instrument's covariance has a sigma of its own as unit: convert it to the sigma stated here.
         return replace(plain, covariance=noise.covariance * (noise.sigma / self.sigma) ** 2)
 
@@ -265,12 +265,12 @@ def draw_postures(robot: Robot, count: int, seed: int) -> FloatArray:
     Raises:
         RequestError: the limits leave no whole degree or millimetre.
     """
-    largest = robot.by_kind(*_LARGEST_POSITION)[:, None]
+    largest = robot.select_by_kind(*_LARGEST_POSITION)[:, None]
     limits = np.clip(robot.limits, -largest, largest)
     random = np.random.default_rng(seed)
     model = limits[:, 0] + (limits[:, 1] - limits[:, 0]) * random.random((count, robot.n))
     controller = np.linalg.solve(robot.joint_map.matrix, (model - robot.joint_map.offset).T).T
-    joints = robot.in_whole_units(np.asarray(controller, dtype=np.float64))
+    joints = robot.round_to_whole_units(np.asarray(controller, dtype=np.float64))
     joints = joints[robot.within_limits(joints)]
     if not len(joints):
         raise RequestError(

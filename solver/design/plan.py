@@ -767,9 +767,9 @@ def draw_new_postures(robot: Robot, measurements: Measurements, count: int) -> F
         (M, n) [rad or m].
     """
     least, greatest = measurements.joints.min(axis=0), measurements.joints.max(axis=0)
-    half = np.maximum(greatest - least, robot.by_kind(*_LEAST_SPAN)) / 2.0
+    half = np.maximum(greatest - least, robot.select_by_kind(*_LEAST_SPAN)) / 2.0
     draws = np.random.default_rng(_SEED).uniform(-1.0, 1.0, (_DRAWS * count, robot.n))
-    joints = robot.in_whole_units((least + greatest) / 2.0 + half * draws)
+    joints = robot.round_to_whole_units((least + greatest) / 2.0 + half * draws)
     return joints[robot.within_limits(joints)][:count]
 
 

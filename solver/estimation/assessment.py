@@ -398,7 +398,7 @@ def _report_load_at_target(robot: Robot, measurements: Measurements) -> Iterator
 
     A single target may well be at the tool's point, so it is not reported.
     """
-    part = measurements.evenly(_PLACES)
+    part = measurements.select_evenly(_PLACES)
     if part.present.shape[1] < 2 or not part.force.any():
         return
     places = np.where(part.in_flange[..., None], part.position, targets_in_flange(robot, part))

@@ -62,7 +62,14 @@ from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import DIAGONAL_BASE, DIAGONAL_LINKS, FULL_BASE, JOINTS
-from jointstiff.solver.mechanics.terms import FORCE_SCALE, SHIFT, TERMS, load_scale, since, turn_about
+from jointstiff.solver.mechanics.terms import (
+    FORCE_SCALE,
+    SHIFT,
+    TERMS,
+    build_load_scale_term,
+    build_turn_term,
+    limit_to_later,
+)
 
 MISTAKE_LEVEL: Final = 1e-5
 """Probability that noise alone makes the test of any cause, or of a bending base, significant."""
@@ -188,7 +195,7 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
     Only readings of targets are used, not encoders. If the load has no balance or there are no degrees of
     freedom, no test is significant. Causes that were fitted to these measurements before stay in every fit.
     """
-    tested, compliance = measurements.evenly(_MOST_TESTED_OBSERVATIONS), np.maximum(estimate.compliance, 0.0)
+    tested, compliance = measurements.select_evenly(_MOST_TESTED_OBSERVATIONS), np.maximum(estimate.compliance, 0.0)
     bending_compliance = compliance if estimate.balanced is None else np.maximum(estimate.balanced, 0.0)
     try:
         block = next(regressor_blocks(robot, tested, bending_compliance))
@@ -262,7 +269,7 @@ def _subtract_named_causes(
         RequestError: the readings do not show a named cause.
         SolverError: a cause implies loads without a balance.
     """
-    part = measurements.evenly(_MOST_TESTED_OBSERVATIONS)
+    part = measurements.select_evenly(_MOST_TESTED_OBSERVATIONS)
     block = next(regressor_blocks(robot, part))
     rows = Stack.from_blocks([block], [JOINTS], np.zeros(robot.n)).flat
     compliance, _ = solve_nonnegative(rows[:, :-1], rows[:, -1])
@@ -280,7 +287,7 @@ def _subtract_named_causes(
         )
     fitted = _fit_causes_with_joints(robot, part, [known[each].term for each in named], compliance)
     corrected = _subtract_errors(robot, measurements, fitted.errors, fitted.compliance)
-    return CorrectedMeasurements.of(corrected, fitted.errors)
+    return CorrectedMeasurements.from_measurements(corrected, fitted.errors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -409,15 +416,17 @@ def _list_suspects(
     """
     part, labels, loads = block.measurements, measurements.labels, _group_distinct_loads(measurements)
     tried = len(part) - 2 * _LEAST_PART + 1
-    turn = turn_about(block.points[part.present].mean(axis=0))
+    turn = build_turn_term(block.points[part.present].mean(axis=0))
     # Causes that may set in at a later observation.
-    later = {SHIFT.name: SHIFT, turn.name: turn, FORCE_SCALE.name: load_scale([labels])}
-    by_load = [load_scale(loads)] if len(loads) > 1 else []
+    later = {SHIFT.name: SHIFT, turn.name: turn, FORCE_SCALE.name: build_load_scale_term([labels])}
+    by_load = [build_load_scale_term(loads)] if len(loads) > 1 else []
     suspects = [Suspect(t.name, t) for t in (*TERMS.values(), turn, *by_load) if t.suspected]
     if firsts is not None:
         known = [first for first in firsts if first in labels]
         suspects += [
-            Suspect(t.name, since(t, labels, first), first) for t in later.values() for first in known
+            Suspect(t.name, limit_to_later(t, labels, first), first)
+            for t in later.values()
+            for first in known
         ]
     else:
         terms = [*(each.term for each in suspects), FORCE_SCALE]
@@ -432,7 +441,7 @@ def _list_suspects(
             ):
                 if each.name in later:
                     term, first = later[each.name], part.labels[onset]
-                    suspects.append(Suspect(term.name, since(term, labels, first), first, tried, p))
+                    suspects.append(Suspect(term.name, limit_to_later(term, labels, first), first, tried, p))
     return [suspect for suspect in suspects if suspect.term.name not in {term.name for term in before}]
 
 
@@ -687,7 +696,7 @@ def _find_best_alternative(
 ) -> tuple[BetterAlternative | None, float]:
     """Return the best significant alternative, or None, and the compensation of the data as given."""
     affordable = _READINGS // (measurements.present.shape[1] * (len(alternatives) + 1))
-    part = measurements.evenly(max(1, min(_MOST_COMPARED_OBSERVATIONS, affordable)))
+    part = measurements.select_evenly(max(1, min(_MOST_COMPARED_OBSERVATIONS, affordable)))
     # A rigid flange moves by six coordinates at most.
     coordinates = int(np.minimum(part.coordinates.sum(axis=1), 6).sum())
     freedom = coordinates - robot.n
@@ -697,7 +706,7 @@ def _find_best_alternative(
     quantile = float(special.fdtri(robot.n, freedom, 1.0 - FALSE_ALARM / len(alternatives)))
     ratio = min(LARGEST_RATIO, 1.0 / (1.0 + robot.n * quantile / freedom))
     # Some of the observations select the alternatives to examine.
-    preselection = part.evenly(math.ceil(_PRESELECTION_COORDINATES * robot.n * len(part) / coordinates))
+    preselection = part.select_evenly(math.ceil(_PRESELECTION_COORDINATES * robot.n * len(part) / coordinates))
     rows = _build_rows(robot, preselection, alternatives)
     as_given, given_compensation = _fit_nonnegative_compliances(rows[0])
     alternatives = [

@@ -301,7 +301,7 @@ def _estimate_neglected_shift(
     scaled up to the whole set; where loads in all directions cancel, this overstates the change. A prior is
     included where sigma [m] is known.
     """
-    fit, part = neglected.fit, neglected.measurements.evenly(SHIFT_OBSERVATIONS)
+    fit, part = neglected.fit, neglected.measurements.select_evenly(SHIFT_OBSERVATIONS)
     times = len(neglected.measurements) / len(part)
     estimated = np.flatnonzero(~neglected.observability.null & (fit.active == 0))
     prior = prior.in_units_of(sigma) if prior and sigma else None

@@ -411,7 +411,7 @@ def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArra
             remedy="use method partial_pose, or place the three targets so that they form a triangle",
         )
     W = np.where(present[..., None], whitener(part.covariance), 0.0)
-    G = part.shown(np.concatenate([np.broadcast_to(np.eye(3), W.shape), -skew(arm)], axis=-1))
+    G = part.project_on_directions(np.concatenate([np.broadcast_to(np.eye(3), W.shape), -skew(arm)], axis=-1))
     Q, R = np.linalg.qr((W @ G).reshape(len(arm), -1, 6))
     return Q, R, reference
 

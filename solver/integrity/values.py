@@ -19,7 +19,7 @@ from jointstiff.schemas.finding import Action, Finding, FindingCode, Unit, Verdi
 from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.mechanics.block import unloaded_postures
-from jointstiff.solver.mechanics.measurements import NOISE_SIGMAS, Measurements, first_equal
+from jointstiff.solver.mechanics.measurements import NOISE_SIGMAS, Measurements, find_first_equal
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import figure, length_text
@@ -335,7 +335,7 @@ def inspect_duplicates(view: View) -> Iterator[Finding]:
     """Report copied observations: readings of two measurements never agree in every digit."""
     m = view.measurements
     read = np.concatenate([m.position * view.measured[..., None], m.deflection], axis=1).reshape(len(m), -1)
-    for i, j in enumerate(first_equal(read).tolist()):
+    for i, j in enumerate(find_first_equal(read).tolist()):
         same = np.array_equal(m.joints[i], m.joints[j])
         if j == i or (np.count_nonzero(read[i]) <= _NUMBERS_OF_CHANCE and not same):
             continue
@@ -356,7 +356,7 @@ def inspect_repeats(view: View) -> Iterator[Finding]:
     """
     m = view.measurements
     posture = np.round(m.joints / SAME_ANGLE)
-    if len(np.unique(first_equal(posture))) == len(m):
+    if len(np.unique(find_first_equal(posture))) == len(m):
         return
     load = np.concatenate([m.force, m.moment, m.load_point, m.present], axis=1)
     along = np.zeros((len(m), 0)) if m.direction is None else np.round(m.direction.reshape(len(m), -1), 4)
@@ -398,7 +398,7 @@ def _pool_scatter(values: FloatArray, coordinates: IndexArray, keys: FloatArray)
         keys: (N, K) rows with equal keys are repeats of each other.
     """
     squares, freedom, count = 0.0, 0, 0
-    group = first_equal(keys)
+    group = find_first_equal(keys)
     numbers, sizes = np.unique(group, return_counts=True)
     for number in numbers[sizes > 1]:
         rows = np.flatnonzero(group == number)

@@ -40,7 +40,7 @@ from jointstiff.solver.geometry.poses import (
     PoseReadings,
     PoseState,
     calibrate,
-    differences,
+    differentiate_numerically,
 )
 from jointstiff.solver.mechanics.block import regressor_blocks, whitened_rows
 from jointstiff.solver.mechanics.measurements import Measurements
@@ -193,7 +193,7 @@ def fit_weight(
         move = triangle.fit(nuisance, reduced.expand_solution(rows, optimum.x), RANK)
         after = rows.stack.widths["geometry"]
         before, sag = sag, reduced.sag(rows.torques, optimum.x)
-        state = state.displaced(move[:after])
+        state = state.displace(move[:after])
         if free_base:  # linear: the step fits all of the tilt, not a change
             base, move[after : after + 3] = move[after : after + 3].copy(), move[after : after + 3] - base
         if free_gravity:
@@ -643,5 +643,5 @@ def identify_weight(
         residual=np.where(poses.present[..., None], whitened.points - bent, 0.0),
         certificate=fit.optimum.certificate,
         weight=extract_weight(readings.burden, fit, scale, uncertainty),
-        largest_stiffness_ratio=float(np.abs(differences(torque, robot.n)).max()),
+        largest_stiffness_ratio=float(np.abs(differentiate_numerically(torque, robot.n)).max()),
     )

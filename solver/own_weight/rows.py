@@ -31,9 +31,9 @@ from jointstiff.solver.geometry.poses import (
     PoseReadings,
     Poses,
     PoseState,
-    arm_of,
+    build_arm,
     chain_axes,
-    transformed,
+    transform_points,
 )
 from jointstiff.solver.mechanics.block import STANDARD_GRAVITY
 from jointstiff.solver.mechanics.measurements import check_array
@@ -195,7 +195,7 @@ def linearise_readings(
     """
     motion = state.motion(replace(whitened, angles=whitened.angles + sag))
     torques = compute_torques(robot, readings, motion)
-    swings = motion.swings()
+    swings = motion.differentiate_by_angles()
     gap = whitened.points - motion.points + np.einsum("ktin,kn->kti", swings, sag)
     weighted = (whitened.weight @ swings).reshape(*swings.shape[:1], -1, swings.shape[-1])
     geometry = whitened.weight @ motion.jacobian()
@@ -252,7 +252,7 @@ def compute_torques(robot: Robot, readings: WeightReadings, motion: Motion) -> T
     origins = [axis.nearest(origin) for axis, origin in zip(axes, nominal, strict=True)]
     places = [pin.SE3(R, origin) for R, origin in zip(frames, origins, strict=True)]
     to_flange = still.flange_translation[0] - nominal[-1]
-    arm = arm_of(axes, places, pin.SE3(still.flange_rotation[0], origins[-1] + to_flange))
+    arm = build_arm(axes, places, pin.SE3(still.flange_rotation[0], origins[-1] + to_flange))
     at = Postures(arm, motion.angles)
     rotation, origin = at.joint_frames
     levers = at.weight_levers  # (B, n, n, 4, 3)
@@ -308,7 +308,7 @@ def planned_rows(
         poses = Poses(joints, places, np.ones(shape[:2], dtype=np.bool_), names, robot.joint_map)
         nothing, carried = np.zeros((count, 3)), np.ones((count, len(burden.bodies)))
         readings = WeightReadings(poses, burden, carried, nothing, nothing, nothing)
-        state = PoseState(axes, transformed(flange, targets), np.zeros(count))
+        state = PoseState(axes, transform_points(flange, targets), np.zeros(count))
         found = linearise_readings(robot, readings, poses.whitened, state, np.zeros(angles.shape), compliance)
         stack = found.stack.in_units({"geometry": _GEOMETRY, "base": _BASE})
         part = {name: stack.rows[..., columns] for name, columns in stack.span.items()}

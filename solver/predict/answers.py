@@ -26,7 +26,7 @@ from jointstiff.solver.estimation.problem import Bounds, Constraints
 from jointstiff.solver.links.model import ElasticColumns
 from jointstiff.solver.mechanics.block import OwnWeight
 from jointstiff.solver.mechanics.cases import LoadCases
-from jointstiff.solver.mechanics.inverse import InverseKinematics, apart, in_ranges
+from jointstiff.solver.mechanics.inverse import InverseKinematics, compute_angle_gaps, fit_to_ranges
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import point, rows
 from jointstiff.solver.predict.forward import Deflection, ForwardModel, unit_vectors
@@ -135,22 +135,24 @@ def find_postures_within_limits(
     poses[..., :3, :3] = task.rotation
     poses[..., :3, 3] = places[:, None] - task.rotation @ task.place
     goals = poses.reshape(-1, 4, 4)
-    solutions, complete = inverse.solutions(goals)
+    solutions, complete = inverse.solve(goals)
     lost = np.zeros(0, dtype=np.intp)
-    arm, of_arm = inverse.arm, None if task.near is None else inverse.of_arm(task.near)
+    arm, of_arm = inverse.arm, None if task.near is None else inverse.select_arm_joints(task.near)
     if of_arm is not None:
         rows = np.flatnonzero(~complete)
         near = np.tile(arm.joint_map.model_angles(of_arm[None]), (len(rows), 1))
-        followed, known = inverse.followed(goals[rows], near)
-        others = np.round(apart(solutions[rows], near[:, None]), 6)
-        known &= np.round(apart(followed, near), 6) <= np.fmin.reduce(others, axis=1, initial=np.inf)
+        followed, known = inverse.follow_branches(goals[rows], near)
+        others = np.round(compute_angle_gaps(solutions[rows], near[:, None]), 6)
+        known &= np.round(compute_angle_gaps(followed, near), 6) <= np.fmin.reduce(
+            others, axis=1, initial=np.inf
+        )
         solutions[rows] = np.nan
         solutions[rows[known], 0] = followed[known]
         lost = np.unique(rows[~known] // count)
     pose, branch = np.nonzero(np.isfinite(solutions).all(axis=2))
-    limits = inverse.of_arm(task.limits.T).T
-    kept, angles = in_ranges(arm, solutions[pose, branch], limits, of_arm)
-    joints = inverse.whole(angles)
+    limits = inverse.select_arm_joints(task.limits.T).T
+    kept, angles = fit_to_ranges(arm, solutions[pose, branch], limits, of_arm)
+    joints = inverse.insert_held_joints(angles)
     place, orientation = np.divmod(pose, count)
     kept &= ((joints >= task.limits[:, 0]) & (joints <= task.limits[:, 1])).all(axis=1)
     model_angles = robot.joint_map.model_angles(joints)

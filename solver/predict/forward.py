@@ -165,7 +165,7 @@ class ForwardModel(ABC):
             near: kinematics near the loaded postures; None starts at the unloaded ones.
 
         Raises:
-            RequestError: a load finds no stable balance.
+            RequestError: a load has no stable equilibrium.
         """
 
     @abstractmethod
@@ -360,7 +360,7 @@ def compensate(
             free to move; None if all joints are.
 
     Raises:
-        RequestError: a load twists an unknown joint, finds no stable balance, or cannot be
+        RequestError: a load twists an unknown joint, has no stable equilibrium, or cannot be
             compensated.
     """
     robot, limits = model.robot, CorrectionLimits() if limits is None else limits
@@ -434,7 +434,7 @@ def residuals(
         near: (m, n) angles near the loaded postures, where the balance is looked for [rad].
 
     Raises:
-        RequestError: a load finds no stable balance.
+        RequestError: a load has no stable equilibrium.
     """
     under, expected = (Postures(model.robot, angles) for angles in (commanded, near))
     axes, reached = goal[:, :3, :3], model.deflect(wanted, under, expected)

@@ -39,12 +39,18 @@ from jointstiff.solver.estimation.resampling import build_method_stacks, fit_sub
 from jointstiff.solver.links.choice import Folds, fit_fold
 from jointstiff.solver.links.fit import ElasticEstimate
 from jointstiff.solver.links.model import ElasticColumns, elastic_blocks
-from jointstiff.solver.mechanics.block import Balance, OwnWeight, balance, spring_frames, wrench_stiffness
+from jointstiff.solver.mechanics.block import (
+    Balance,
+    OwnWeight,
+    find_balance,
+    spring_frames,
+    wrench_stiffness,
+)
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.measurements import Measurements, whitened
 from jointstiff.solver.mechanics.postures import Postures, rotation_vectors, skew
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.mechanics.springs import products
+from jointstiff.solver.mechanics.springs import differentiate_bilinear_form
 from jointstiff.solver.predict.forward import (
     LARGEST_TURN,
     CartesianCompliance,
@@ -145,10 +151,12 @@ class JointModel(ForwardModel):
         """Compute the deflections in the exact balance of springs and loads.
 
         Raises:
-            RequestError: a load finds no stable balance near the unloaded posture.
+            RequestError: a load has no stable equilibrium near the unloaded posture.
         """
         unloaded = self.unloaded(cases) if unloaded is None else unloaded
-        equilibrium = balance(self.robot, self.compliance, cases, self.weight, unloaded, near or unloaded)
+        equilibrium = find_balance(
+            self.robot, self.compliance, cases, self.weight, unloaded, near or unloaded
+        )
         loaded = equilibrium.loaded
         still, reached = (at.to_base(cases.place[:, None]) for at in (unloaded, loaded))
         jacobian = loaded.pose_jacobian_at(reached)
@@ -495,9 +503,11 @@ class ElasticDeflection(Deflection):
         columns = self.model.columns
         rows = np.empty((len(self.torque), 6, columns.width))
         rows[..., columns.joints] = self.jacobian * self.torque[:, None]
-        rows[..., columns.coupling] = products(self.jacobian, self.torque[:, None])
+        rows[..., columns.coupling] = differentiate_bilinear_form(self.jacobian, self.torque[:, None])
         for i, frame in enumerate(columns.frames):
-            rows[..., columns.link(frame)] = products(self.moves[:, i], self.wrench[:, i, None])
+            rows[..., columns.link(frame)] = differentiate_bilinear_form(
+                self.moves[:, i], self.wrench[:, i, None]
+            )
         return rows[..., self.model.kept]
 
     @cached_property

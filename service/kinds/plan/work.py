@@ -90,7 +90,7 @@ def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
         by_weight = isinstance(request.load, OwnWeight)
         if not by_weight:
             causes = [cause.pair for cause in request.causes]
-            readings = fit_causes(prepared.robot, prepared.measurements.with_loads(), causes)
+            readings = fit_causes(prepared.robot, prepared.measurements.require_loads(), causes)
             prepared = replace(prepared, measurements=readings)
         planned = PlanInput(prepared.robot, prepared.robot_id, prepared.content, prepared)
     options = request.model_dump_json(exclude={"robot_id", "measurement_set_id"})

@@ -282,7 +282,7 @@ def write_compensated_program(
         by_joints, unit = program.targets.by_joints[block], program.targets.angle_unit[block, None]
         commanded = Postures(robot, robot.joint_map.model_angles(corrections.commanded[rows]))
         values = frames.numbers_of_poses(program, block, commanded.flange_pose)
-        before, after = (inverse.of_arm(each) for each in (cases.joints, corrections.commanded[rows]))
+        before, after = (inverse.select_arm_joints(each) for each in (cases.joints, corrections.commanded[rows]))
         values[by_joints, :6] = (after / unit)[by_joints]
         values[corrections.share[rows] == 0.0] = np.nan  # a target without correction keeps its text
         corrected = np.flatnonzero(~by_joints & (corrections.share[rows] > 0.0))
@@ -291,13 +291,13 @@ def write_compensated_program(
         as_read = program.targets.values[block, :NUMBERS]
         changed[rows] = (np.isfinite(as_read) & (as_read != numbers)).any(axis=1)
         # Pose and joints of the written numbers, and the wanted pose of the numbers before.
-        angles = robot.joint_map.model_angles(inverse.whole(numbers[:, :6] * unit))
+        angles = robot.joint_map.model_angles(inverse.insert_held_joints(numbers[:, :6] * unit))
         posed = np.flatnonzero(~by_joints)
         poses, goal = (frames.flange_poses(program, block[posed], each[posed]) for each in (numbers, as_read))
-        of_arm = inverse.of_arm(commanded.q)
+        of_arm = inverse.select_arm_joints(commanded.q)
         start = commanded if inverse.arm is robot and len(posed) == len(block) else None
-        arm_angles, reached = inverse.polished_from(poses, start or Postures(inverse.arm, of_arm[posed]))
-        angles[posed] = inverse.whole(arm_angles, of_model=True)
+        arm_angles, reached = inverse.refine_from(poses, start or Postures(inverse.arm, of_arm[posed]))
+        angles[posed] = inverse.insert_held_joints(arm_angles, of_model=True)
         unreached += corrections.points[rows[posed[~reached]]].tolist()
         wanted = robot.joint_map.model_angles(cases.joints)
         wanted_poses = np.empty((len(block), 4, 4))
@@ -316,7 +316,7 @@ def write_compensated_program(
         rounding=np.asarray(np.linalg.norm(residual[:, :3] - corrections.residual[:, :3], axis=1)),
         changed=changed,
         place=_wanted_positions(path, robot),
-        arm=inverse.of_arm(path.cases.joints),
+        arm=inverse.select_arm_joints(path.cases.joints),
         quantile=quantile,
     )
     return rewriting.files(), points
@@ -441,7 +441,7 @@ class ProgramWork(Work):
 
         def hold_linear_axes(commanded: FloatArray) -> FloatArray:
             # Only the arm makes the correction: linear axes keep their positions.
-            return inverse.standing(model.robot, commanded)
+            return inverse.reach_with_held_joints(model.robot, commanded)
 
         try:
             cases = path.cases[points]

@@ -79,11 +79,12 @@ def test_a_program_is_compensated_with_the_rail_standing_still():
     assert result.residual.greatest < 1e-6
     written = decompress_file(result.files[0]).decode("latin-1")
     poses = np.array([pose_of(line) for line in written.splitlines() if line.startswith("LIN")])
-    commanded, reached = InverseKinematics(robot, wanted[0]).polished(flange_of(poses), wanted[:, 1:])
+    commanded, reached = InverseKinematics(robot, wanted[0]).refine(flange_of(poses), wanted[:, 1:])
     assert reached.all()
     assert off_path(commanded, wanted) < 2e-6
     with pytest.raises(
-        (RequestError, ProgramError), match="the position of the linear axis joint_1 is not stated"
+        (RequestError, ProgramError),
+        match="the request does not give the position of the linear axis joint_1",
     ):
         ProgramWork(robot, "robot", known, request("krl", text, start=None)).conclude(())
 

@@ -73,7 +73,7 @@ def test_work_keeps_arrays_whose_layout_survives_pickling(work):
 
 
 LABELS = ["a", "b", "c"]
-MADE = [terms.load_scale([{"a"}, ("b", "c")]), terms.turn_about(np.zeros(3))]
+MADE = [terms.build_load_scale_term([{"a"}, ("b", "c")]), terms.build_turn_term(np.zeros(3))]
 MADE += [terms.since(term, LABELS, "b") for term in (*MADE, terms.SHIFT)]
 
 

@@ -255,7 +255,7 @@ UNDER_PROGRAM = {
     ),
     "a load that breaks the arm": (
         {"load": {"force": [0, 0, 1e9]}},
-        "'path.src', line 7: the load finds no stable balance near the unloaded posture; check the units of "
+        "'path.src', line 7: the robot has no stable equilibrium under this load near the unloaded posture; check the units of "
         "force, moment and length, or reduce the load",
     ),
 }  # fmt: skip

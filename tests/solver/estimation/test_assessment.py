@@ -348,7 +348,7 @@ class TestLoad:
         sharp = Instrument((4.0, 1.0, 1.5), 1e-7, 0.0, 3e-5, 5e-6)
         for seed, sheet in ((0, usual), (1, usual), (7, sharp)):
             robot, measurements = springs(seed, configurations=20)
-            noise = DifferenceNoise.by(sheet, robot, measurements)
+            noise = DifferenceNoise.from_instrument(sheet, robot, measurements)
             stated = replace(measurements, sigma=noise.sigma, covariance=noise.covariance)
             screening = screened(robot, stated)
             assert not screening.causes

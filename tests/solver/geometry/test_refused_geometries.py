@@ -73,7 +73,7 @@ def parallel_cell():
         ),
         (
             lambda: identify_axes(coupled_sweep_from_elsewhere()),
-            "sweep of joint_2 | this sweep turns model joints 2 and 3, and it was taken in another "
+            "sweep of joint_2 | this sweep turns model joints 2 and 3, and it was recorded in another "
             "configuration than the sweep of joint_3 | start both sweeps from the same configuration of "
             "the other joints",
         ),

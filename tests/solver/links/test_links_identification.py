@@ -27,16 +27,16 @@ from jointstiff.solver.links.choice import (
     find_richest_model,
     fit_fold,
     fit_folds,
-    judge_losses,
-    judge_penalty,
     list_models_to_compare,
     refine_path,
+    report_losses,
+    report_penalty,
     select_model,
 )
 from jointstiff.solver.links.fit import (
     EffectiveCompliances,
-    effective_compliances,
-    effective_rows,
+    build_effective_rows,
+    compute_effective_compliances,
     estimate_elastic,
     fit_first_certified,
 )
@@ -248,15 +248,15 @@ def test_effective_compliance_about_each_axis_is_found_where_the_joint_alone_is_
     robot, measurements = prepare(elastic_campaign(arm, configurations=60, seed=7))
     axes = arm.arm.axis_directions
     truth = arm.arm.compliances + np.einsum("ji,jik,jk->j", axes, arm.links[:, 3:, 3:], axes)
-    rows = effective_rows(robot, COLUMNS)
+    rows = build_effective_rows(robot, COLUMNS)
     np.testing.assert_allclose(rows @ truth_of(arm), truth, rtol=1e-9)
     estimated = estimate(robot, measurements, weight=1e-5)
     assert np.all(np.abs(rows @ estimated.entries / truth - 1.0) < 0.25)
-    intervals = effective_compliances(robot, estimated, 0.95)
+    intervals = compute_effective_compliances(robot, estimated, 0.95)
     np.testing.assert_array_equal(intervals.compliance, rows @ estimated.entries)
     assert np.all((intervals.ends[:, 0] <= truth) & (truth <= intervals.ends[:, 1]))
     assert np.median((intervals.ends[:, 1] - intervals.ends[:, 0]) / truth) < 1.0
-    wider = effective_compliances(robot, estimated, 0.99)
+    wider = compute_effective_compliances(robot, estimated, 0.99)
     assert np.all(wider.uncertainty * 2.5758 > intervals.uncertainty * 1.96)
     assert np.abs(estimated.compliance / arm.arm.compliances - 1.0).max() > 0.25
 
@@ -276,7 +276,7 @@ def test_effective_compliance_is_the_rotation_about_an_axis_of_any_direction(ela
     axis, A = np.array([0.6, 0.0, 0.8]), np.random.default_rng(1).standard_normal((6, 6))
     chain = elastic[0].chain
     joints = tuple(replace(joint, axis=axis) if joint.is_moving else joint for joint in chain.joints)
-    rows = effective_rows(Robot(replace(chain, joints=joints).model()), COLUMNS)
+    rows = build_effective_rows(Robot(replace(chain, joints=joints).model()), COLUMNS)
     for joint in range(6):
         found = rows[joint, COLUMNS.link(joint)] @ to_vector(A + A.T)
         assert found == pytest.approx(axis @ (A + A.T)[3:, 3:] @ axis, rel=1e-12)
@@ -338,9 +338,9 @@ def test_losses_are_compared_in_sets_of_few_targets(elastic):
     with pytest.raises(UnsupportedMethodError, match="600 targets") as refused:
         list_losses_to_compare(many, ("absolute",))
     assert (refused.value.where, "squared" in refused.value.remedy) == ("loss", True)
-    (finding,) = judge_losses(600)
+    (finding,) = report_losses(600)
     assert finding.code == "loss_not_compared"
-    assert not list(judge_losses(500))
+    assert not list(report_losses(500))
 
 
 def test_folds_share_out_postures_and_keep_equal_ones_together():
@@ -402,16 +402,16 @@ def test_a_penalty_that_cannot_be_certified_gives_way_to_the_next(elastic):
     assert (refused.value.where, "or more" in refused.value.remedy) == ("link_penalty", True)
     found = fit_first_certified(folds, model, (1e-30, 1e-4, 1e-2))
     assert found.penalty == 1e-4
-    raised = judge_penalty(1e-5, found.penalty)
+    raised = report_penalty(1e-5, found.penalty)
     assert [finding.code for finding in raised] == ["link_penalty_raised"]
 
 
 @pytest.mark.parametrize(("chosen", "remedy"), [(1.0, "elasticity joints"), (1e-7, "give link_penalty")])
 def test_a_penalty_at_an_end_is_a_finding(chosen, remedy):
-    (finding,) = judge_penalty(chosen, chosen)
+    (finding,) = report_penalty(chosen, chosen)
     assert (finding.code, finding.weight) == ("link_penalty_at_end", "use")
     assert remedy in finding.remedy
-    assert not list(judge_penalty(1e-2, 1e-2))
+    assert not list(report_penalty(1e-2, 1e-2))
 
 
 def test_a_model_without_an_answer_is_left_out_unless_it_is_asked_for(elastic):

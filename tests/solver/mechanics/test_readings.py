@@ -34,7 +34,7 @@ from jointstiff.solver.estimation.cones import to_vector
 from jointstiff.solver.estimation.estimate import predict
 from jointstiff.solver.integrity import inspect
 from jointstiff.solver.links.choice import Folds, list_models_to_compare
-from jointstiff.solver.links.fit import effective_compliances, effective_rows, estimate_elastic
+from jointstiff.solver.links.fit import build_effective_rows, compute_effective_compliances, estimate_elastic
 from jointstiff.solver.links.model import MODELS, WITH_BASE, ElasticColumns, ElasticModel, elastic_blocks
 from jointstiff.solver.mechanics import block as regressor
 from jointstiff.solver.mechanics.block import OwnWeight, regressor_blocks
@@ -336,7 +336,9 @@ def test_a_turn_of_the_base_about_the_first_axis_is_joint_1(pedestal):
     about = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     turned = rows[..., COLUMNS.link(BASE)] @ to_vector(np.outer(about, about))
     np.testing.assert_allclose(turned, rows[..., 0], atol=1e-9 * np.abs(rows[..., 0]).max())
-    effective = effective_rows(robot, COLUMNS)[:, COLUMNS.link(BASE)] @ to_vector(np.outer(about, about))
+    effective = build_effective_rows(robot, COLUMNS)[:, COLUMNS.link(BASE)] @ to_vector(
+        np.outer(about, about)
+    )
     np.testing.assert_allclose(effective, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], atol=1e-12)
 
 
@@ -352,7 +354,7 @@ def found(pedestal):
 
 
 def test_base_and_joints_are_found_together(pedestal, found):
-    effective = effective_compliances(pedestal[0], found, 0.95)
+    effective = compute_effective_compliances(pedestal[0], found, 0.95)
     np.testing.assert_allclose(effective.compliance[:3], ARM.compliances[:3], rtol=0.05)
     assert found.base is not None
     assert found.base.parameters == 21

@@ -372,7 +372,7 @@ def test_the_stiffest_posture_is_no_softer_than_any_other():
         poses = np.tile(np.eye(4), (3, 1, 1))
         poses[:, :3, :3] = asked.rotation
         poses[:, :3, 3] = place - asked.rotation @ TOOL
-        joints = INVERSE.solutions(poses)[0].reshape(-1, 6)
+        joints = INVERSE.solve(poses)[0].reshape(-1, 6)
         joints = joints[np.isfinite(joints).all(axis=1)]
         joints = joints[((joints >= ROBOT.limits[:, 0]) & (joints <= ROBOT.limits[:, 1])).all(axis=1)]
         others = np.linalg.norm(exact_displacement(asked, joints, [0.0, 800.0, 300.0]), axis=1)
