@@ -20,7 +20,7 @@ from jointstiff.solver.errors import RequestError, RobotError
 from jointstiff.solver.mechanics.chain import KinematicChain, dh_chain
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Body, JointMap, Robot
-from jointstiff.solver.messages import rows, stated_kinds
+from jointstiff.solver.messages import list_joint_kinds, rows
 
 if TYPE_CHECKING:  # geometry is no part of an identification
     from jointstiff.schemas.geometry import GeometryUnits
@@ -147,7 +147,7 @@ def refuse_other_angles(robot: Robot, angles: Sequence[float], where: str) -> No
 
 def kinds_of(robot: Robot) -> dict[str, JointKind]:
     """Return the kinds of the joints by name, as results state them: empty if all joints are revolute."""
-    return stated_kinds(robot.joint_names, robot.joint_kinds)
+    return list_joint_kinds(robot.joint_names, robot.joint_kinds)
 
 
 def list_joint_names(robot: Robot) -> str:

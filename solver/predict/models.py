@@ -117,7 +117,7 @@ class JointModel(ForwardModel):
     weight: OwnWeight | None = None
 
     @classmethod
-    def of(cls, robot: Robot, estimate: Estimate, constraints: Constraints) -> JointModel:
+    def from_estimate(cls, robot: Robot, estimate: Estimate, constraints: Constraints) -> JointModel:
         """Build the model from an estimate of the compliances and its constraints."""
         likelihood = estimate.likelihood if estimate.covariance is not None else None
         if likelihood is not None:
@@ -192,7 +192,7 @@ class JointModel(ForwardModel):
         jacobian = unloaded.jacobian_at(unloaded.to_base(cases.place[:, None]))[:, 0]
         return np.asarray((jacobian @ turned[..., None])[..., 0])
 
-    def overloaded(self, cases: LoadCases, unloaded: Postures) -> BoolArray:
+    def find_overloads(self, cases: LoadCases, unloaded: Postures) -> BoolArray:
         """Return a mask (B,) of loads that turn a joint, or reduce its stiffness, beyond the model."""
         jacobian, torque = unloaded.load(cases.load_point, cases.force, cases.moment)
         turned = np.abs(self.compliance * torque) > LARGEST_TURN
@@ -366,7 +366,7 @@ class ElasticPredictor(ForwardModel):
     seen: BoolArray  #: (n,) joints that the readings saw
 
     @classmethod
-    def of(cls, robot: Robot, elastic: ElasticEstimate) -> ElasticPredictor:
+    def from_estimate(cls, robot: Robot, elastic: ElasticEstimate) -> ElasticPredictor:
         """Build the model from an estimate of joints and links, with a covariance by a normal prior."""
         companion, form = elastic.companion, elastic.companion.formulation
         entries, root = elastic.entries[form.columns], None
@@ -466,7 +466,7 @@ class ElasticPredictor(ForwardModel):
         """Return the displacements (B, 3) of the places [m]."""
         return self._bend(cases, unloaded).displacement
 
-    def overloaded(self, cases: LoadCases, unloaded: Postures) -> BoolArray:
+    def find_overloads(self, cases: LoadCases, unloaded: Postures) -> BoolArray:
         """Return a mask (B,) of loads that turn the flange by more than a linear model describes."""
         turned = np.linalg.norm(self._bend(cases, unloaded).rotation, axis=1)
         return np.asarray(turned > LARGEST_TURN)
@@ -693,7 +693,7 @@ def leave_folds_out(robot: Robot, measurements: Measurements, elastic: ElasticEs
     Raises:
         UnsupportedMethodError: there is one posture only.
     """
-    model, sigma = ElasticPredictor.of(robot, elastic), elastic.companion.sigma
+    model, sigma = ElasticPredictor.from_estimate(robot, elastic), elastic.companion.sigma
     parts = CrossValidation(folds=_PARTS, draws=1)
     folds = Folds(robot, measurements, elastic.model.columns, model.seen, parts)
     covariance = np.broadcast_to(measurements.covariance, (*measurements.present.shape, 3, 3))

@@ -33,9 +33,9 @@ from jointstiff.solver.predict.answers import (
     STATUSES,
     DeflectionMap,
     MapTask,
-    map_numbers,
+    compute_tool_rotations,
     map_places,
-    tool_rotations,
+    summarise_map,
 )
 
 POSES_A_STEP: Final = 10_000
@@ -91,7 +91,7 @@ class MapWork(Work):
         """
         table, used = DeflectionMap(**joined(parts)) if parts else self.table, self._used
         tool = self._task.rotation @ _unit_vector(self.request.tool_axis, "tool_axis")
-        numbers = map_numbers(table, self.places, tool)
+        numbers = summarise_map(table, self.places, tool)
         return MapResult(
             assessment=judged("map", self._reasons(numbers), used.result.assessment),
             joint_kinds=kinds_of(self.robot),
@@ -219,7 +219,7 @@ def make_map_task(request: MapOptions, robot: Robot) -> MapTask:
         limits[robot.joint_index(name, f"limits.{name}")] = least, greatest
     if request.near is not None:
         refuse_other_angles(robot, request.near, "near")
-    rotation = tool_rotations(
+    rotation = compute_tool_rotations(
         _unit_vector(request.tool_axis, "tool_axis"),
         np.array([_unit_vector(each, f"directions[{i}]") for i, each in enumerate(request.directions)]),
         request.turns,

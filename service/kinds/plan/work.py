@@ -34,9 +34,9 @@ from jointstiff.solver.mechanics.block import targets_in_flange
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import rows
-from jointstiff.solver.own_weight.rows import Burden, planned_rows
+from jointstiff.solver.own_weight.rows import Burden, make_planned_rows_function
 from jointstiff.solver.own_weight.run import run_by_weight
-from jointstiff.solver.result import stated_assessment
+from jointstiff.solver.result import build_assessment_message
 
 _LARGEST_RELATIVE: Final = 0.5
 """Relative uncertainty of a compliance above which the compliance is not used as a nominal value."""
@@ -128,7 +128,7 @@ def _compute_plan(planned: Planned, request: plans.PlanRequest) -> PlanResult:
                 nominal[j] = joint.compliance
         prediction = predict(robot, prepared.measurements, estimate.compliance, balanced=estimate.balanced)
         judgement = assess(joints, estimate, prediction, screening)
-        assessment = stated_assessment(judgement, estimate.joints)
+        assessment = build_assessment_message(judgement, estimate.joints)
         refuse_unaccepted(
             assessment,
             request.accept_verdict,
@@ -268,7 +268,7 @@ def to_design_request(
         so_far=so_far,
         by_weight=None
         if load is None
-        else planned_rows(
+        else make_planned_rows_function(
             robot,
             Burden(robot.bodies, gravity=np.array(load.gravity)),
             targets,

@@ -371,7 +371,7 @@ def test_the_model_predicts_other_postures_and_places(pedestal, found):
     at = Postures(robot, other.joints)
     place = (other.position[:, 0] - at.flange_translation)[:, None] @ at.flange_rotation
     cases = LoadCases(other.joints, other.force, other.moment, other.load_point, place[:, 0])
-    predicted = ElasticPredictor.of(robot, found).deflect(cases)
+    predicted = ElasticPredictor.from_estimate(robot, found).deflect(cases)
     off = np.linalg.norm(predicted.displacement - other.deflection[:, 0], axis=1)
     assert off.mean() < 0.02 * np.linalg.norm(other.deflection[:, 0], axis=1).mean()
 
