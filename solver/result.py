@@ -315,7 +315,7 @@ def build_joint_results(
 
 
 def build_assessment_message(assessment: Assessment, joints: Sequence[JointCompliance]) -> StatedAssessment:
-    """Convert an assessment to a message: verdict, reasons, notes, and the numbers of identified and all joints."""
+    """Convert an assessment to a message: verdict, reasons, notes, and the number of identified joints."""
     return StatedAssessment(
         verdict=assessment.verdict,
         reasons=list(assessment.reasons),
@@ -371,7 +371,7 @@ def _build_complementary_stiffness(size: ComplementaryStiffness | None) -> runs.
 
 
 def _build_residuals(prediction: Prediction, measurements: Measurements) -> list[runs.Residual]:
-    """Build one message for each reading: measured deflection, predicted deflection and their difference."""
+    """Build one message for each reading: measured and predicted deflection, and their difference."""
     i, t = np.nonzero(measurements.present)
     return rows(
         runs.Residual,
@@ -406,7 +406,7 @@ def _build_encoder_residuals(
 
 
 def list_suspicious_readings(estimate: Estimate, measurements: Measurements) -> list[runs.SuspiciousReading]:
-    """Build messages of at most `MAX_SUSPICIOUS` readings to which the Huber loss gives a low weight, worst first.
+    """Build messages of the readings with low weight in the Huber loss, worst first, at most `MAX_SUSPICIOUS`.
 
     The list is empty for a fit with the squared loss.
     """
@@ -443,7 +443,7 @@ def build_budget_message(
     Args:
         budget: contributions to the uncertainties; None gives None.
         names: names of all joints.
-        reasons: reasons of the assessment; some of them show a lack of fit, which the budget does not contain.
+        reasons: reasons of the assessment; some of them show a lack of fit, which is not in the budget.
     """
     if budget is None:
         return None

@@ -102,14 +102,14 @@ class Identification:
 
     @cached_property
     def _excluded(self) -> str | None:
-        """Name of the option that rules out elastic links in an automatic choice of the model; None if none does."""
+        """Name of the option that rules out elastic links in an automatic choice; None if there is none."""
         if self._options.elasticity != "automatic":
             return None
         return excluded_option(self._options, self._settings, self._robot, self._measurements)
 
     @cached_property
     def _competition(self) -> Competition | None:
-        """Comparison of elastic models with joints alone; None if the options exclude it or nothing else bends."""
+        """Comparison of elastic models with joints alone; None if options or readings exclude elastic links."""
         options = self._options
         if options.elasticity == "joints":
             return None
@@ -156,7 +156,7 @@ class Identification:
         return build_run_result(outcome, self._measurements, advice, resampling)
 
     def _report_winner(self, competition: Competition, winner: Winner) -> RunOutcome:
-        """Build the outcome for the model that won: an elastic model, or joints alone with the better loss."""
+        """Build the outcome of the best model: an elastic model, or joints alone with the better loss."""
         screening = replace(competition.screening, gain=winner.selection.gain)
         if winner.elastic is not None:
             return report_elastic_model(self._joints, competition, winner, winner.elastic, screening)

@@ -62,7 +62,7 @@ def round_down(limit: float) -> float:
 
 
 def posture_text(positions: Sequence[float], kinds: Sequence[JointKind], decimals: int = 0) -> str:
-    """Format the positions of joints [rad or m] for people: (10, -20)°, or (10°, 250 mm) with prismatic joints."""
+    """Format joint positions [rad or m] for people: (10, -20)°, or (10°, 250 mm) with prismatic joints."""
     angles = [f"{degrees(value):.{decimals}f}" for value in positions]
     if "prismatic" not in kinds:
         return f"({', '.join(angles)})°"

@@ -124,7 +124,7 @@ class Declared:
                 "its unit",
             )
         force = None if isinstance(options.goal, JointsGoal) else options.goal.force
-        return Ahead.of(self.robot, request, None if force is None else np.array(force))
+        return Ahead.from_request(self.robot, request, None if force is None else np.array(force))
 
     def document(self, observations: Sequence[Observation]) -> MeasurementSetDocument:
         """Return a measurement set of some observations, without validation: they were checked on arrival."""
@@ -203,7 +203,7 @@ class LiveCampaign:
         prepared = self.declared.prepared([*before, observation])
         if not before:
             return Entry("observation", observation.label, observation)
-        found, last = self.progress.judge(prepared.measurements)
+        found, last = self.progress.compare_reading(prepared.measurements)
         return Entry("observation", observation.label, observation, found, last)
 
     @cached_property
@@ -336,7 +336,7 @@ class LiveCampaign:
                 label=label,
                 state="withdrawn" if label in withdrawn else "doubtful" if label in doubtful else "counts",
                 reason=withdrawn[label].reason if label in withdrawn else None,
-                **vars(self.progress.found(label)),
+                **vars(self.progress.find_comparison(label)),
                 ball_ratio=None if entry.held_out is None else entry.held_out.ball_ratio,
             )
             for label, entry in self.of_label.items()

@@ -161,7 +161,7 @@ class RunModel:
         if self.error is None:
             reason = self.result.model.no_error if self.result.model else None
             remarks.append(f"no bound of the model error: {reason or 'no posture could be omitted'}")
-        elif self.error.postures < (needed := self.error.needed(confidence)):
+        elif self.error.postures < (needed := self.error.count_needed_postures(confidence)):
             remarks.append(f"{level}: {needed} postures are needed, and there are {self.error.postures}")
         elif np.isinf(self.error.quantile(confidence)):
             remarks.append(f"{level}: too many postures are needed to determine a joint")

@@ -45,7 +45,7 @@ class Known:
 
     @classmethod
     def nothing(cls, n: int) -> Known:
-        """Return the state of knowledge before any reading: no compliance of the n joints is known."""
+        """Return the compliances before any reading: NaN for each of the n joints."""
         return cls(np.full(n, np.nan), np.zeros((n, n)), 2.0)
 
     @property
@@ -100,7 +100,7 @@ class Ahead:
     )
 
     @classmethod
-    def of(cls, robot: Robot, request: PlanRequest, force: FloatArray | None = None) -> Ahead:
+    def from_request(cls, robot: Robot, request: PlanRequest, force: FloatArray | None = None) -> Ahead:
         """Draw candidate readings, and compute the deflections at places of the work area.
 
         Args:
@@ -109,7 +109,8 @@ class Ahead:
             force: (3,) process force in the work area, axes of R0 [N]; None for the force of the load.
 
         Raises:
-            RequestError: as `Pool.of` does, or forces in the work area twist a joint that the loads do not.
+            RequestError: no reading is feasible, or forces in the work area twist a joint that the loads do not
+                twist.
         """
         pool, loads, n = Pool.of(robot, request), request.equipment.loads, robot.n
         if pool.predicted is None:
@@ -134,7 +135,7 @@ class Ahead:
         return self.pool.parameters.joints
 
     def compare_with_goal(self, goal: Goal, known: Known) -> Share:
-        """Return the uncertainty that is known so far relative to that of a goal.
+        """Compare the uncertainty after the readings so far with the uncertainty that a goal allows.
 
         Args:
             goal: for joints, for a deflection in the work area, or for a decision about a limit.
@@ -159,12 +160,12 @@ class Ahead:
             uncertainty = known.factor * float(np.sqrt((mean * known.covariance).sum()))
             each = np.array([uncertainty / goal.uncertainty])
             return Share(each, mean, goal.uncertainty, uncertainty=uncertainty)
-        moved = self.places @ np.nan_to_num(known.compliance)
-        length = np.linalg.norm(moved, axis=-1)
-        along = np.einsum("...i,...ij->...j", moved / length[..., None], self.places)
+        deflections = self.places @ np.nan_to_num(known.compliance)
+        length = np.linalg.norm(deflections, axis=-1)
+        along = np.einsum("...i,...ij->...j", deflections / length[..., None], self.places)
         u = known.factor * np.sqrt(np.einsum("...j,jk,...k->...", along, known.covariance, along))
-        most = np.unravel_index(int(np.argmax(length + u)), length.shape)
-        uncertainty, greatest, row = float(u[most]), float(length[most]), along[most]
+        worst = np.unravel_index(int(np.argmax(length + u)), length.shape)
+        uncertainty, greatest, row = float(u[worst]), float(length[worst]), along[worst]
         allowed = max(abs(goal.limit - greatest), 1e-12)
         each = np.array([uncertainty / allowed])
         return Share(each, np.outer(row, row), allowed, uncertainty=uncertainty, greatest=greatest)
@@ -183,7 +184,7 @@ class Ahead:
             goal: goal of the campaign.
             known: compliances by the readings so far.
             readings: the readings so far.
-            taken: (K, n) postures that are read or left out, controller's angles [rad].
+            taken: (K, n) postures that were read or skipped, controller's angles [rad].
             at: (n,) present posture of the arm; None where travel does not matter.
 
         Returns:
@@ -228,7 +229,7 @@ class Ahead:
         return Next(first, joints, force, None if anchor < 0 else anchor, missing)
 
     def _predict_shares(self, goal: Goal, known: Known, share: Share, M: FloatArray) -> FloatArray:
-        """Predict the uncertainties relative to that of the goal, by the information M (p, p) of a design."""
+        """Predict the uncertainties (s,) or (1,), relative to the goal's, after readings with information M."""
         parameters = self.pool.parameters
         if isinstance(goal, JointsGoal):
             half = known.factor * compute_uncertainties(M, len(self.wanted)) * parameters.nominal[self.wanted]
@@ -239,13 +240,13 @@ class Ahead:
         return np.array([known.factor * deviation / share.allowed])
 
     def _reference_compliances(self, known: Known) -> FloatArray:
-        """Return the compliances (n,); where unknown, values by which all joints move the targets alike."""
+        """Return the compliances (n,); for unknown ones, values with which all joints move the targets alike."""
         return np.where(np.isfinite(known.compliance), known.compliance, self.pool.parameters.nominal)
 
     def _best_candidate(
         self, criterion: AOptimality, M: FloatArray, free: BoolArray, at: FloatArray | None
     ) -> Atoms:
-        """Return the free candidate after which the criterion is best; among nearly equal ones, the nearest.
+        """Return the free candidate that reduces the variance most; among nearly equal ones, the nearest.
 
         Args:
             criterion: variance to be reduced.

@@ -16,18 +16,22 @@ _NORMAL: Final = student_quantile(0.975, None)
 Standing = Literal["waits", "counts", "deviates"]
 
 
-def standings(
+def compare_priors(
     names: Sequence[str], known: Known, priors: Mapping[str, StiffnessPrior]
 ) -> dict[str, Standing]:
-    """Return for each joint with a prior whether the prior counts, waits for more readings, or deviates.
+    """Compare prior stiffnesses with the readings: "counts", "waits" or "deviates" for each joint with a prior.
 
-    A prior counts once the readings alone determine the joint at least as well, and agree with the prior
-    (95 %). So an arm that deviates from its prior is noticed before the prior influences the result.
+    A prior counts (is used) once the readings alone determine the joint at least as well as the prior, and
+    agree with it (95 %). It waits for more readings before, and deviates if the readings contradict it. So a
+    wrong prior is noticed before it influences the result.
 
     Args:
         names: names of the n joints.
         known: n compliances by the readings alone.
         priors: prior stiffnesses by name of the joint.
+
+    Returns:
+        The state of each prior, by name of the joint.
     """
     found: dict[str, Standing] = {}
     for j, name in enumerate(names):

@@ -276,7 +276,7 @@ def reduce_problem(
 def extract_weight(
     burden: Burden, fit: WeightFit, sigma: float, uncertainty: FloatArray
 ) -> IdentifiedWeight | None:
-    """Return the identified weights with their covariance, which predict the sag; None with balancing springs.
+    """Return the identified weights with their covariance, to predict the sag; None with balancing springs.
 
     Positions determine products of compliance and weight far better than either factor. About the optimum
     ``A x = b + ε``. Each parameter has its bound's half-width as prior standard uncertainty; with D of all of
@@ -385,7 +385,7 @@ def fit_with_proved_corrections(
     *,
     free_base: bool,
 ) -> tuple[WeightFit, tuple[Body, ...], list[Finding]]:
-    """Fit, and fit again with a tilting base or with wider bounds of a mass if the readings prove these needed.
+    """Fit, and fit again with a tilting base or wider bounds of a mass if the readings prove the need.
 
     Where the readings do not suffice for a further fit, the previous fit is kept.
 

@@ -86,7 +86,7 @@ class Burden:
         """List of the unknown masses and moments, in the order of `Torques`, and list of uncertain centres.
 
         An unknown is a body's index and the inertia (4,) [kg, kg·m] of the greatest deviation. A centre is the
-        index of the first of its three moments among the unknowns, the index of the same body's mass (−1 if
+        index of the first of its three moments among the unknowns, the index of the body's mass (−1 if
         the mass is exact), and the relative growth of the moments' bound with the mass.
         """
         unknown: list[tuple[int, FloatArray]] = []
@@ -346,14 +346,14 @@ class ReducedProblem:
 
     @property
     def blocks(self) -> Iterator[tuple[int, float, slice, list[int]]]:
-        """For each block: joint, unit of its compliance [rad/(N·m)], slice in x, and indices of its unknowns."""
+        """Joint, unit of its compliance [rad/(N·m)], slice in x, and indices of unknowns, for each block."""
         for j, unit, start, own in zip(
             self.seen.tolist(), self.unit.tolist(), self.cones.first.tolist(), self.unknowns, strict=True
         ):
             yield j, unit, slice(start, start + 1 + len(own)), own
 
     def expand_solution(self, rows: WeightRows, x: FloatArray) -> FloatArray:
-        """Return the unknowns (K,) of all terms of the rows in SI units, for a solution x of the reduced problem.
+        """Return the unknowns (K,) of all terms of the rows, in SI units, for a solution x of this problem.
 
         Unknowns that are not in the reduced problem are zero.
         """

@@ -549,7 +549,7 @@ def build_case_results(
 
 
 def _list_extrapolation_remarks(bound: ModelErrorBound, b: int) -> list[str]:
-    """Return remarks that say how far load case b exceeds the measured loads and postures; empty if within."""
+    """Return remarks on how far load case b exceeds the measured loads and postures; empty if it does not."""
     load, leverage = float(bound.load_ratio[b]), float(bound.leverage_ratio[b])
     remarks = []
     if np.isinf(load):

@@ -197,7 +197,7 @@ class ForwardModel(ABC):
         return Postures(self.robot, self.robot.joint_map.model_angles(cases.joints))
 
     def quantile(self, confidence: float) -> float:
-        """Return the coverage factor of a two-sided interval: its half-width over the standard uncertainty."""
+        """Return the coverage factor of an interval: its half-width over the standard uncertainty."""
         if not 0.0 < confidence < 1.0:
             raise RequestError(
                 f"the confidence is {confidence}",
@@ -292,7 +292,7 @@ class Deflection(ABC):
         )
 
     def length_uncertainties(self, covariances: FloatArray) -> FloatArray:
-        """Return the standard uncertainty of each displacement's length from each source, ``√(uᵀ A C_k Aᵀ u)``.
+        """Return the standard uncertainty of each displacement's length by source, ``√(uᵀ A C_k Aᵀ u)``.
 
         u is the direction of the displacement, and A its derivatives with respect to the compliances.
 
@@ -389,7 +389,7 @@ def compensate(
     share = np.where(uncertain, 0.0, ramp)  # no correction where its direction is not known
 
     def apply_commands(angles: FloatArray) -> tuple[Postures, FloatArray]:
-        """Return the unloaded kinematics of commands (m, n), and their difference (m, 6) from the wanted poses."""
+        """Return the unloaded kinematics of commands (m, n), and their difference (m, 6) from the goal."""
         under = Postures(robot, angles if hold is None else hold(angles))
         place = under.to_base(wanted.place[:, None])[:, 0]
         return under, _compute_pose_difference(*wanted_poses, place, under.flange_rotation)
@@ -455,8 +455,7 @@ def residuals(
 
 
 def ramp_shares(robot: Robot, wanted: LoadCases, length: float) -> FloatArray:
-    """Return the share (m,) of each correction, from 0 to 1: it rises after the load begins, and falls before
-    the load ends.
+    """Return the share (m,) of each correction: it rises after the load begins, and falls before it ends.
 
     Args:
         robot: n joints.

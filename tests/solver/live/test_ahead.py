@@ -30,7 +30,7 @@ def ahead(kind="any_direction", force=None):
         candidates=60,
         work_area=np.array([[0.5, -2.0, 0.0], [3.0, 2.0, 2.5]]),
     )
-    return Ahead.of(ROBOT, request, None if force is None else np.array(force))
+    return Ahead.from_request(ROBOT, request, None if force is None else np.array(force))
 
 
 def known(seed=0, size=0.1):

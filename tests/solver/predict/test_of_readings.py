@@ -89,7 +89,7 @@ def test_the_model_error_is_a_quantile_over_postures_that_were_left_out():
     assert levels == pytest.approx([12.88179, 21.66757, 24.45317, 32.44963], rel=1e-4)
     assert ERROR.quantile(0.99) == np.inf
     assert ERROR.postures == 19
-    assert [ModelError.needed(level) for level in (0.5, 0.9, 0.95, 0.99)] == [1, 9, 19, 99]
+    assert [ModelError.count_needed_postures(level) for level in (0.5, 0.9, 0.95, 0.99)] == [1, 9, 19, 99]
 
 
 def test_few_postures_bound_no_high_confidence():
