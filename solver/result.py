@@ -406,7 +406,7 @@ def _build_encoder_residuals(
 
 
 def list_suspicious_readings(estimate: Estimate, measurements: Measurements) -> list[runs.SuspiciousReading]:
-    """Build messages of the readings with low weight in the Huber loss, worst first, at most `MAX_SUSPICIOUS`.
+    """Build messages of readings with low weight in the Huber loss: at most `MAX_SUSPICIOUS`, worst first.
 
     The list is empty for a fit with the squared loss.
     """

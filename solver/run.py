@@ -109,7 +109,7 @@ class Identification:
 
     @cached_property
     def _competition(self) -> Competition | None:
-        """Comparison of elastic models with joints alone; None if options or readings exclude elastic links."""
+        """Comparison of elastic models with joints alone; None if options or readings exclude links."""
         options = self._options
         if options.elasticity == "joints":
             return None

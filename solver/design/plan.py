@@ -38,7 +38,7 @@ from jointstiff.solver.design.optimum import (
     GOptimality,
     SmoothCriterion,
     compute_uncertainties,
-    optimise,
+    optimise_design,
 )
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.estimate import Estimate
@@ -150,7 +150,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
             remedy="ask for more readings, or a smaller share for validation",
         )
     problem = DesignProblem(pool.candidates, criteria[request.criterion], fitted, pool.base)
-    design = optimise(problem, _LINKS_GAP if request.links else None)
+    design = optimise_design(problem, _LINKS_GAP if request.links else None)
     exact = find_exact_design(problem, design, distinct, seed=request.seed)
     M = exact.matrix
     # Bound the efficiency of the list by the requested criterion, and by the other smooth ones.
@@ -160,7 +160,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
             efficiencies[name] = exact.efficiency
         elif isinstance(criterion, SmoothCriterion):
             other = DesignProblem(pool.candidates, criterion, fitted, pool.base)
-            best = optimise(other, _LINKS_GAP if request.links else _OTHERS_GAP)
+            best = optimise_design(other, _LINKS_GAP if request.links else _OTHERS_GAP)
             efficiencies[name] = bound_list_efficiency(other, distinct, M, best)
     deflection = None
     if worst is not None:
@@ -261,7 +261,7 @@ def find_least_readings(pool: Pool, request: PlanRequest, criterion: Criterion, 
     def share(fitted: int) -> float:
         """Return the uncertainty relative to that of the goal, with a number of fitted readings."""
         problem = DesignProblem(pool.candidates, criterion, fitted, pool.base)
-        design = optimise(problem, _LINKS_GAP if request.links else None)
+        design = optimise_design(problem, _LINKS_GAP if request.links else None)
         M = find_exact_design(problem, design, distinct, seed=request.seed).matrix
         return 0.0 if goal is None else goal_share(pool, goal, M)
 

@@ -109,8 +109,8 @@ class Ahead:
             force: (3,) process force in the work area, axes of R0 [N]; None for the force of the load.
 
         Raises:
-            RequestError: no reading is feasible, or forces in the work area twist a joint that the loads do not
-                twist.
+            RequestError: no reading is feasible, or forces in the work area twist a joint that no load
+                twists.
         """
         pool, loads, n = Pool.of(robot, request), request.equipment.loads, robot.n
         if pool.predicted is None:
@@ -229,7 +229,7 @@ class Ahead:
         return Next(first, joints, force, None if anchor < 0 else anchor, missing)
 
     def _predict_shares(self, goal: Goal, known: Known, share: Share, M: FloatArray) -> FloatArray:
-        """Predict the uncertainties (s,) or (1,), relative to the goal's, after readings with information M."""
+        """Predict the uncertainties relative to the goal's, (s,) or (1,), after readings of information M."""
         parameters = self.pool.parameters
         if isinstance(goal, JointsGoal):
             half = known.factor * compute_uncertainties(M, len(self.wanted)) * parameters.nominal[self.wanted]
@@ -240,7 +240,7 @@ class Ahead:
         return np.array([known.factor * deviation / share.allowed])
 
     def _reference_compliances(self, known: Known) -> FloatArray:
-        """Return the compliances (n,); for unknown ones, values with which all joints move the targets alike."""
+        """Return the compliances (n,); unknown ones such that all joints move the targets equally far."""
         return np.where(np.isfinite(known.compliance), known.compliance, self.pool.parameters.nominal)
 
     def _best_candidate(

@@ -196,7 +196,7 @@ class Expectation:
         return float(count * special.fdtri(count, self.freedom, probability))
 
     def exceedance_probability(self, square: float, count: int) -> float:
-        """Return the probability that the squared Mahalanobis distance of `count` coordinates exceeds `square`."""
+        """Return the probability that the squared distance of `count` coordinates exceeds `square`."""
         if count < 1:
             return 0.0
         if np.isinf(self.freedom):

@@ -19,7 +19,7 @@ Standing = Literal["waits", "counts", "deviates"]
 def compare_priors(
     names: Sequence[str], known: Known, priors: Mapping[str, StiffnessPrior]
 ) -> dict[str, Standing]:
-    """Compare prior stiffnesses with the readings: "counts", "waits" or "deviates" for each joint with a prior.
+    """Compare prior stiffnesses with the readings, and return the state of each prior.
 
     A prior counts (is used) once the readings alone determine the joint at least as well as the prior, and
     agree with it (95 %). It waits for more readings before, and deviates if the readings contradict it. So a
@@ -31,7 +31,7 @@ def compare_priors(
         priors: prior stiffnesses by name of the joint.
 
     Returns:
-        The state of each prior, by name of the joint.
+        "counts", "waits" or "deviates" by name of each joint with a prior.
     """
     found: dict[str, Standing] = {}
     for j, name in enumerate(names):

@@ -197,7 +197,7 @@ class Progress:
         ]
 
     def find_comparison(self, label: str) -> Innovation:
-        """Return the comparison of a reading when it came, or with a mistake that later readings show in it."""
+        """Return the comparison of a reading when it came, with a mistake that later readings have shown."""
         found, mistake = self.taken.judged[label], self.mistake
         if mistake is None or mistake.observation != label or found.doubtful:
             return found
@@ -333,7 +333,7 @@ class Progress:
         return "measuring", f"{failed}the goal is met; one held-out reading checks it"
 
     def _describe_assumed_errors(self) -> str:
-        """Return a remark on the uncertainty with assumed errors if it exceeds the goal; else an empty string."""
+        """Return a remark on assumed errors if they raise the uncertainty above the goal; else an empty text."""
         if not isinstance(self.goal, JointsGoal):
             return ""
         whole = self._extract_known_compliances(self.result, assumed=True)
@@ -403,7 +403,7 @@ def _combine_covariances(
         left_out: sources of uncertainty that are ignored.
 
     Returns:
-        The covariance (n, n) of the compliances [(rad/(N·m))²]; and the coverage factor of 95 %, from Student's
+        The covariance (n, n) of the compliances [(rad/(N·m))²]; and the coverage factor of 95 %: Student's
         distribution with the least effective degrees of freedom of a joint (Welch-Satterthwaite, GUM G.4).
     """
     shown = [names.index(name) for name in budget.joints]

@@ -85,8 +85,8 @@ class Burden:
     def unknown(self) -> tuple[list[tuple[int, FloatArray]], list[tuple[int, int, float]]]:
         """List of the unknown masses and moments, in the order of `Torques`, and list of uncertain centres.
 
-        An unknown is a body's index and the inertia (4,) [kg, kg·m] of the greatest deviation. A centre is the
-        index of the first of its three moments among the unknowns, the index of the body's mass (−1 if
+        An unknown is a body's index and the inertia (4,) [kg, kg·m] of its greatest deviation. A centre is
+        the index of the first of its three moments among the unknowns, the index of the body's mass (−1 if
         the mass is exact), and the relative growth of the moments' bound with the mass.
         """
         unknown: list[tuple[int, FloatArray]] = []

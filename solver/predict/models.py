@@ -194,7 +194,7 @@ class JointModel(ForwardModel):
         return np.asarray((jacobian @ turned[..., None])[..., 0])
 
     def find_overloads(self, cases: LoadCases, unloaded: Postures) -> BoolArray:
-        """Return a mask (B,) of loads that turn a joint, or reduce its stiffness, more than the model allows."""
+        """Return a mask (B,) of loads that turn or soften a joint more than the model allows."""
         jacobian, torque = unloaded.load(cases.load_point, cases.force, cases.moment)
         turned = np.abs(self.compliance * torque) > LARGEST_TURN
         stiffness = wrench_stiffness(unloaded.angular_jacobian, jacobian, cases.force, cases.moment)
@@ -272,12 +272,12 @@ class JointDeflection(Deflection):
 
     @cached_property
     def _motion_by_joint_turn(self) -> FloatArray:
-        """(B, 6, n) derivatives of `motion` with respect to c ∘ τ: ``J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹``."""
+        """(B, 6, n) derivatives of `motion` by the turn c ∘ τ: ``J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹``."""
         return self.jacobian @ self.balance.softened
 
     @cached_property
     def _torque(self) -> FloatArray:
-        """(B, n) torque by which compliances affect the deflection [N·m]; without an identified own weight."""
+        """(B, n) torque whose deflection is uncertain with c [N·m]; without an identified own weight."""
         if self.model.weight is None or not self.model.weight.absolute:
             return self.balance.torque
         return self.balance.loaded.load(self.cases.load_point, self.cases.force, self.cases.moment)[1]
@@ -410,7 +410,7 @@ class ElasticPredictor(ForwardModel):
 
     @cached_property
     def matrices(self) -> tuple[FloatArray, FloatArray]:
-        """Two compliance matrices: (n, n) of the joints [rad/(N·m)], (L, 6, 6) of links and base [SI units]."""
+        """Compliance matrices: (n, n) of the joints [rad/(N·m)], and (L, 6, 6) of links and base [SI]."""
         compliances = np.zeros(self.columns.width)
         compliances[self.kept] = self.entries
         coupling = to_matrix(compliances[self.columns.coupling], self.columns.n)
@@ -456,7 +456,7 @@ class ElasticPredictor(ForwardModel):
         )
 
     def command(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
-        """Find the angles (B, n) to command [rad] so that the loaded places are at the goal (Newton's method).
+        """Find the angles (B, n) to command [rad] such that the loaded places are at the goal, by Newton steps.
 
         The derivative neglects that the deflection changes with the posture; each step still gains three
         digits.
@@ -531,7 +531,7 @@ class ElasticDeflection(Deflection):
         return CartesianCompliance(matrix, np.ones(len(matrix), dtype=np.bool_), None)
 
     def compliance_known(self, direction: FloatArray) -> tuple[BoolArray, BoolArray]:
-        """Return two masks (B,), for compliances along and across directions: whether all joints are known."""
+        """Return two masks (B,), for compliance along and across directions: whether all joints are known."""
         known = np.full(len(direction), self.model.seen.all())
         return known, known
 
@@ -602,7 +602,7 @@ class ModelError:
         return ceil(1.0 / (1.0 - confidence) - _SLACK) - 1
 
     def quantile(self, confidence: float) -> float:
-        """Return the score [m] below which a new posture stays with a probability; inf with too few postures."""
+        """Return the quantile of the scores [m] at a probability; inf with too few postures."""
         place = int(np.searchsorted(self.share, confidence - _SLACK))
         return float(self.score[place]) if place < len(self.score) else float("inf")
 
@@ -634,7 +634,7 @@ class ModelError:
 def _compute_residual_growth(load: FloatArray, leverage: FloatArray, noise: float | None) -> FloatArray:
     """Return the factor (B,) by which residuals grow with sizes of loads (B,) and leverages (B,) [m].
 
-    With a noise [m] the factor is 1 at zero leverage; without a noise (None), 1 at the greatest load measured.
+    With a noise [m] the factor is 1 at zero leverage; without one (None), 1 at the greatest load measured.
     """
     if noise is None:
         return np.maximum(np.sqrt(load), load)

@@ -36,7 +36,7 @@ from jointstiff.solver.design.optimum import (
     EOptimality,
     GOptimality,
     compute_uncertainties,
-    optimise,
+    optimise_design,
     optimise_weights,
 )
 from jointstiff.solver.design.plan import Distinct, advise, find_exact_design, plan_campaign
@@ -293,7 +293,7 @@ class TestCertificate:
     @every_criterion
     def test_no_random_weights_beat_the_bound(self, criterion):
         rows = random_rows(5, 40)
-        design = optimise(problem_of(rows, criterion, base=0.1))
+        design = optimise_design(problem_of(rows, criterion, base=0.1))
         best = criterion.information(design.matrix)
         assert design.bound.efficiency > 1 - 1e-5
         rng, K = np.random.default_rng(0), information(rows)
@@ -308,7 +308,7 @@ class TestCertificate:
         """Exhaustive search over C(14, 8) finds the same list, and nothing above the bound."""
         rows = random_rows(seed, 14)
         problem = problem_of(rows, criterion, 8)
-        exact = find_exact_design(problem, optimise(problem), Distinct(np.arange(14.0)[:, None], 0.5))
+        exact = find_exact_design(problem, optimise_design(problem), Distinct(np.arange(14.0)[:, None], 0.5))
         K = information(rows)
         best = max(
             criterion.information(K[list(c)].sum(axis=0)) for c in itertools.combinations(range(14), 8)
@@ -324,7 +324,7 @@ class TestCertificate:
     def test_no_exchange_of_one_reading_improves_the_list(self, criterion, seed):
         rows = random_rows(seed, 60)
         problem = problem_of(rows, criterion, 8)
-        exact = find_exact_design(problem, optimise(problem), Distinct(np.arange(60.0)[:, None], 0.5))
+        exact = find_exact_design(problem, optimise_design(problem), Distinct(np.arange(60.0)[:, None], 0.5))
         K, chosen = information(rows), set(exact.atoms.index.tolist())
         reached = [
             criterion.information(exact.matrix - K[i] + K[j]) for i in chosen for j in set(range(60)) - chosen
@@ -379,7 +379,7 @@ def test_the_bound_holds_for_directions_that_nobody_tried():
     rows = np.random.default_rng(6).standard_normal((30, 3, 3, P))
     criterion, n = AOptimality(np.eye(P)), 8
     problem = problem_of(rows, criterion, n)
-    design = optimise(problem)
+    design = optimise_design(problem)
     exact = find_exact_design(problem, design, Distinct(np.zeros((30, 1)), 0.0))
     assert design.bound.efficiency > 1 - 1e-5
     assert exact.efficiency > 0.9
@@ -400,14 +400,16 @@ def test_one_that_alone_excites_a_parameter_is_found(count, criterion):
     rows = random_rows(1, count)
     rows[:, :, 3] = 0.0
     rows[7, 0, 3] = 1.0
-    design = optimise(problem_of(rows, criterion))
+    design = optimise_design(problem_of(rows, criterion))
     assert 7 in design.atoms.index
     assert design.bound.efficiency > 1 - 1e-5
 
 
 def best(rows, criterion):
     """Optimal weights of one reading whose candidates have these rows (N, m, p)."""
-    return optimise(DesignProblem(Candidates.from_rows(rows), criterion, 1, np.zeros((rows.shape[-1],) * 2)))
+    return optimise_design(
+        DesignProblem(Candidates.from_rows(rows), criterion, 1, np.zeros((rows.shape[-1],) * 2))
+    )
 
 
 def assert_weights(design, rows, expected, tolerance):

@@ -103,7 +103,7 @@ def test_a_design_needs_candidates_that_determine_all_parameters_in_postures_apa
         "[2] | add loads or postures that excite the others, or leave these parameters out"
     )
     ten, three_postures = problem(rows, 10), Distinct(np.repeat([[0.0], [1.0], [2.0]], 10, axis=0), 0.5)
-    assert refused(find_exact_design, ten, optimise(ten), three_postures) == (
+    assert refused(find_exact_design, ten, optimise_design(ten), three_postures) == (
         "distinct_angle | only 3 candidates are in postures 28.6° apart, but 10 readings are "
         f"requested | {FEWER}"
     )
