@@ -19,7 +19,7 @@ import numpy.typing as npt
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import RunResult
-from jointstiff.solver.design.plan import advise
+from jointstiff.solver.design.plan import advise_next_readings
 from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.estimation.causes import fit_causes
 from jointstiff.solver.estimation.joints import JointsAlone
@@ -151,7 +151,7 @@ class Identification:
             outcome = report_joints_alone(self._joints, screening, choice)
         # The gain of another reading is known only if the readings hold no mistake and only joints bend.
         usable = outcome.assessment.verdict != "do_not_use" and outcome.links is None
-        advice = advise(self._robot, self._measurements, outcome.estimate) if usable else ()
+        advice = advise_next_readings(self._robot, self._measurements, outcome.estimate) if usable else ()
         resampling = self.long.statistics(parts) if isinstance(self.long, Draws) else None
         return build_run_result(outcome, self._measurements, advice, resampling)
 

@@ -166,7 +166,7 @@ def compare_sides(first: Side, second: Side, *, confidence: float, ordered: bool
 
 
 def models_differ(first: Robot, second: Robot) -> bool:
-    """Return whether two robots with the same joints differ in geometry or joint map, as two postures show."""
+    """Return whether two robots with the same joints differ in geometry or joint map, in two test postures."""
     if first is second:
         return False
     postures = np.stack([np.zeros(first.n), np.linspace(0.3, 1.1, first.n)])
@@ -203,7 +203,7 @@ def _compare_joint(
     *,
     positive: bool,
 ) -> JointRatio:
-    """Build the ratio of the stiffnesses of joint j with interval and p-value, or the reason why it is unknown.
+    """Build the ratio of the stiffnesses of joint j with interval and p-value, or say why it is unknown.
 
     Args:
         j: index of the joint.
@@ -529,7 +529,7 @@ def _compute_avoided_share(first: float, second: float) -> float | None:
 
 
 def _estimate_avoided_share(first: float, second: float, u_first: float, u_second: float) -> Estimate | None:
-    """Return the share ``1 − second/first`` of two mean deflections with its standard uncertainty (GUM, 5.1.2).
+    """Return the share ``1 − second/first`` of mean deflections with its standard uncertainty (GUM, 5.1.2).
 
     Args:
         first: mean deflection of the first campaign [m].
@@ -567,7 +567,7 @@ class Change:
         """Return the change of ln k from the first to the second campaign.
 
         Args:
-            first: ln k of the first campaign, and the standard uncertainty of ln k from errors of this campaign.
+            first: ln k of the first campaign, and its standard uncertainty from errors of this campaign.
             second: ln k and its standard uncertainty of the second campaign.
             degrees_of_freedom: the fewer degrees of freedom of the two uncertainties, so that a change is
                 significant by chance at most as often as the level says.

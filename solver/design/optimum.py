@@ -409,7 +409,7 @@ class Candidates:
         return cls(information, np.ones(rows.shape[-1]))
 
     def scaled(self, unit: FloatArray) -> Candidates:
-        """Return the candidates with parameters in units (p,) relative to the present ones; nothing is copied."""
+        """Return the candidates for parameters in other units (p,), relative to the present; nothing is copied."""
         return Candidates(self._information, self._unit * unit)
 
     def __len__(self) -> int:
@@ -586,7 +586,7 @@ def optimise_design(problem: DesignProblem, tolerance: float | None = None) -> D
 
 
 def _choose_start(problem: DesignProblem) -> Atoms:
-    """Choose candidates to start from: one by one that of the greatest price, from an evenly spread sample."""
+    """Choose candidates to start from: one by one by greatest price, from an evenly spread sample."""
     every = np.arange(len(problem.candidates))
     count = max(_START, len(problem.base))
     step = max(1, len(every) // _SAMPLE)

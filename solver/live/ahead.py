@@ -112,7 +112,7 @@ class Ahead:
             RequestError: no reading is feasible, or forces in the work area twist a joint that no load
                 twists.
         """
-        pool, loads, n = Pool.of(robot, request), request.equipment.loads, robot.n
+        pool, loads, n = Pool.from_request(robot, request), request.equipment.loads, robot.n
         if pool.predicted is None:
             return cls(robot, request, pool, np.zeros((0, 1, 3, n)))
         by_axis = pool.predicted[:, :, :n].reshape(-1, 3, 3, n)

@@ -278,7 +278,7 @@ def check_held_out_reading(
 ) -> HeldOut | None:
     """Compare a held-out reading with the 90 % ball about its prediction by the other readings.
 
-    The ball covers noise and the uncertainty of the prediction. With `_FEWEST` other readings or more, it also
+    The ball covers noise and the uncertainty of the prediction. With at least `_FEWEST` other readings it also
     covers the model error: each of them is compared with its prediction from the rest.
 
     Args:

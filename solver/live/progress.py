@@ -333,7 +333,7 @@ class Progress:
         return "measuring", f"{failed}the goal is met; one held-out reading checks it"
 
     def _describe_assumed_errors(self) -> str:
-        """Return a remark on assumed errors if they raise the uncertainty above the goal; else an empty text."""
+        """Return a remark if assumed errors raise the uncertainty above the goal; else an empty string."""
         if not isinstance(self.goal, JointsGoal):
             return ""
         whole = self._extract_known_compliances(self.result, assumed=True)

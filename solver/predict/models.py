@@ -284,7 +284,7 @@ class JointDeflection(Deflection):
 
     @cached_property
     def rows(self) -> FloatArray:
-        """(B, 6, n) derivatives of `motion` with respect to c: ``J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹ diag(τ)``."""
+        """(B, 6, n) derivatives ∂motion/∂c, ``J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹ diag(τ)``."""
         return np.asarray(self._motion_by_joint_turn * self._torque[:, None])
 
     @cached_property
@@ -456,7 +456,7 @@ class ElasticPredictor(ForwardModel):
         )
 
     def command(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
-        """Find the angles (B, n) to command [rad] such that the loaded places are at the goal, by Newton steps.
+        """Find the angles (B, n) to command [rad] with which the loaded places are at the goal (Newton steps).
 
         The derivative neglects that the deflection changes with the posture; each step still gains three
         digits.

@@ -39,7 +39,7 @@ from jointstiff.solver.design.optimum import (
     optimise_design,
     optimise_weights,
 )
-from jointstiff.solver.design.plan import Distinct, advise, find_exact_design, plan_campaign
+from jointstiff.solver.design.plan import Distinct, advise_next_readings, find_exact_design, plan_campaign
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
@@ -159,7 +159,7 @@ class TestPromise:
     def test_the_links_that_the_work_area_sees_are_kept(self, robot):
         """All but a hundredth of what links of 30 % of the joints' deflection do there, not the first few."""
         request = request_of(equipment(), criterion="work_area", work_area=AREA, candidates=120, links=True)
-        pool = Pool.of(robot, request)
+        pool = Pool.from_request(robot, request)
         variance = np.diagonal(pool.places, axis1=1, axis2=2).mean(axis=0)
         by_joints, by_links = variance[:N].sum(), variance[N:]
         assert by_links.sum() / by_joints == pytest.approx(0.09 * 0.99, rel=0.02)
@@ -173,7 +173,7 @@ def advised(document, **options):
     """Robot, measurements, the estimate and the advice."""
     robot, measurements = prepare(document)
     found = estimate(robot, measurements, **options)
-    return robot, measurements, found, advise(robot, measurements, found)
+    return robot, measurements, found, advise_next_readings(robot, measurements, found)
 
 
 @examples(100)
@@ -215,8 +215,10 @@ class TestAdvice:
             for place in (0.0, 0.01)
         )
         found = estimate(robot, unsure)
-        assert "joint_6" in {piece.joint for piece in advise(robot, sure, estimate(robot, sure))}
-        pieces = advise(robot, unsure, found)
+        assert "joint_6" in {
+            piece.joint for piece in advise_next_readings(robot, sure, estimate(robot, sure))
+        }
+        pieces = advise_next_readings(robot, unsure, found)
         assert {piece.joint for piece in pieces} == {"joint_4"}
         for piece in pieces:
             after = estimate(robot, follow(robot, unsure, piece))
@@ -349,7 +351,7 @@ def test_the_bound_of_a_mean_price_is_that_of_distinct_postures(count):
 def test_as_many_readings_are_planned_as_a_goal_needs_at_least(monkeypatch, least, validation, fall):
     """Uncertainties fall a little faster or slower than with the root; readings held out come on top."""
     monkeypatch.setattr(plan, "DesignProblem", lambda _, __, fitted, ___: fitted)
-    monkeypatch.setattr(plan, "optimise", lambda *_: None)
+    monkeypatch.setattr(plan, "optimise_design", lambda *_: None)
     monkeypatch.setattr(plan, "find_exact_design", lambda fitted, *_, **__: SimpleNamespace(matrix=fitted))
     monkeypatch.setattr(plan, "goal_share", lambda _, __, fitted: (least / fitted) ** fall)
     request = request_of(equipment(), goal=JointsGoal(kind="joints", relative=0.1), validation=validation)

@@ -13,8 +13,8 @@ from jointstiff.simulator import LOAD_POINT, TARGETS, truth
 from jointstiff.simulator.document import experiment_of
 from jointstiff.simulator.equilibrium import equilibrium
 from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest, find_feasible
-from jointstiff.solver.design.optimum import Candidates, DesignProblem, DOptimality, optimise
-from jointstiff.solver.design.plan import Distinct, advise, find_exact_design, plan_campaign
+from jointstiff.solver.design.optimum import Candidates, DesignProblem, DOptimality, optimise_design
+from jointstiff.solver.design.plan import Distinct, advise_next_readings, find_exact_design, plan_campaign
 from jointstiff.solver.mechanics.measurements import Instrument
 
 PLACES, FREE = np.array(list(TARGETS.values())), np.full(6, np.inf)
@@ -153,7 +153,7 @@ def test_a_reading_is_struck_out_by_what_stands_in_its_way(robot, cell, options,
 
 
 def advice(robot, measurements):
-    return advise(robot, measurements, estimate(robot, measurements))
+    return advise_next_readings(robot, measurements, estimate(robot, measurements))
 
 
 @pytest.mark.parametrize(
