@@ -166,7 +166,7 @@ def compare_sides(first: Side, second: Side, *, confidence: float, ordered: bool
 
 
 def models_differ(first: Robot, second: Robot) -> bool:
-    """Return whether two robots with the same joints differ in geometry or joint map, in two test postures."""
+    """Return whether two robots with the same joints differ in geometry or joint map (in two postures)."""
     if first is second:
         return False
     postures = np.stack([np.zeros(first.n), np.linspace(0.3, 1.1, first.n)])
@@ -605,12 +605,12 @@ def log_stiffness(
     Args:
         compliance: [rad/(N·m)].
         standard_uncertainty: standard uncertainty of the compliance [rad/(N·m)].
-        shared: part of the uncertainty from errors that are the same in all campaigns, such as the scale of one
-            load cell [rad/(N·m)]; they cancel in a difference and are subtracted.
+        shared: part of the uncertainty from errors that are the same in all campaigns, such as the scale of
+            one load cell [rad/(N·m)]; they cancel in a difference and are subtracted.
 
     Returns:
-        ln k and its uncertainty from the campaign's own errors; None for a joint without a number, for a rigid
-        joint, and where this uncertainty exceeds `MOST_RELATIVE`.
+        ln k and its uncertainty from the campaign's own errors; None for a joint without a number, for a
+        rigid joint, and where this uncertainty exceeds `MOST_RELATIVE`.
     """
     if compliance is None or standard_uncertainty is None or not compliance > 0:
         return None

@@ -235,7 +235,7 @@ def _is_crossed_by_link(points: FloatArray, radius: float, start: FloatArray, en
 
 
 def segment_distance(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> FloatArray:
-    """Return the least distances (N,) [m] between line segments from p to q and from r to s (Ericson 2005, 5.1.9).
+    """Return the least distances (N,) [m] between segments from p to q and from r to s (Ericson 2005, 5.1.9).
 
     Args:
         p: (N, 3) starts of the first segments [m].
@@ -383,7 +383,7 @@ class Readings:
         return Readings(self.joints[part], self.anchor[part], self.forces[part], along)
 
     def rows(self, robot: Robot, request: PlanRequest, equipment: Equipment) -> FloatArray:
-        """Build the rows (N, L, 3 T, P) of N readings of T targets under each of L loads, in units of sigma."""
+        """Build the rows (N, L, 3 T, P) of N readings of T targets under each of L loads; unit sigma."""
         if request.by_weight is not None:
             return request.by_weight(self.joints)[:, None]
         loaded = [

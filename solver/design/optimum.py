@@ -409,7 +409,7 @@ class Candidates:
         return cls(information, np.ones(rows.shape[-1]))
 
     def scaled(self, unit: FloatArray) -> Candidates:
-        """Return the candidates for parameters in other units (p,), relative to the present; nothing is copied."""
+        """Return the candidates for parameters in other units (p,), relative to the present units."""
         return Candidates(self._information, self._unit * unit)
 
     def __len__(self) -> int:
@@ -502,9 +502,9 @@ class DesignProblem:
             missing = np.flatnonzero(diagonal <= 0.0).tolist()
             raise RequestError(
                 f"all candidates together determine {int((values > _NO_INFORMATION * values[-1]).sum())} of "
-                f"{len(values)} parameters" + (f"; nothing excites parameter {missing}" if missing else ""),
+                f"{len(values)} parameters" + (f"; no load changes parameter {missing}" if missing else ""),
                 where="candidates",
-                remedy="add loads or postures that excite the others, or leave these parameters out",
+                remedy="add loads or postures that change the missing parameters, or leave these out",
             )
         self.readings = readings
         self.candidates = candidates.scaled(unit)
@@ -680,7 +680,8 @@ def _compute_newton_step(at: Slope, w: FloatArray) -> FloatArray:
     """Return the step (k,) from weights w to the minimum of the quadratic model on the simplex.
 
     The step is solved by non-negative least squares with a heavy row for Σ x = 1 (Lawson & Hanson 1974,
-    chapter 23). The weighted mean is subtracted from the gradient, so that the heavy row has no effect at the optimum.
+    chapter 23). The weighted mean is subtracted from the gradient, so that at the optimum the heavy
+    row has no effect.
     """
     ridge = _RIDGE * np.trace(at.hessian) / len(w) * np.eye(len(w))
     try:

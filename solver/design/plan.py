@@ -147,7 +147,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         raise RequestError(
             f"{fitted} readings without those held out do not determine {s} joints",
             where="readings",
-            remedy="ask for more readings, or a smaller share for validation",
+            remedy="request more readings, or a smaller share for validation",
         )
     problem = DesignProblem(pool.candidates, criteria[request.criterion], fitted, pool.base)
     design = optimise_design(problem, _LINKS_GAP if request.links else None)
@@ -310,7 +310,7 @@ def _draw_validation_readings(
         raise RequestError(
             f"{len(validation)} of {count} readings for validation are in postures distinct from the others",
             where="distinct_angle",
-            remedy="ask for fewer readings, a smaller angle, or more candidates",
+            remedy="request fewer readings, a smaller angle, or more candidates",
         )
     return pool.candidates.under(np.array(validation, dtype=np.intp), _draw_directions(random, count))
 
@@ -528,7 +528,7 @@ def _complete_list(
                 f"only {len(atoms)} candidates are in postures {np.degrees(distinct.angle):.3g}° "
                 f"apart, but {problem.readings} readings are requested",
                 where="distinct_angle",
-                remedy="ask for fewer readings, a smaller angle, or more candidates",
+                remedy="request fewer readings, a smaller angle, or more candidates",
             )
         G = problem.criterion.support(M + (problem.readings - len(atoms)) * expected)
         atoms.append(problem.candidates.best(G, free))

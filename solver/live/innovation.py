@@ -40,7 +40,7 @@ class Innovation:
     message: str | None = None
 
 
-_UNJUDGED: Final = Innovation(message="too few readings to judge it by")
+_UNJUDGED: Final = Innovation(message="too few other readings to compare this one with")
 
 DOUBTFUL: Final = (1e-5, 1e-4)
 """Probability of so great a distance below which a reading is doubtful: in any way; as by another force."""
@@ -247,7 +247,7 @@ def compare_last_reading(robot: Robot, measurements: Measurements, compliance: F
     where = (
         f"{length_text(off)} from where the other readings predict it"
         if doubtful
-        else "unloaded targets misplaced"
+        else "the unloaded targets are misplaced"
     )
     why = " or ".join(causes) + "?" if causes else "no single mistake explains it"
     return Innovation(
@@ -278,7 +278,7 @@ def check_held_out_reading(
 ) -> HeldOut | None:
     """Compare a held-out reading with the 90 % ball about its prediction by the other readings.
 
-    The ball covers noise and the uncertainty of the prediction. With at least `_FEWEST` other readings it also
+    The ball covers noise and the uncertainty of the prediction. With at least `_FEWEST` others it also
     covers the model error: each of them is compared with its prediction from the rest.
 
     Args:
@@ -384,7 +384,7 @@ def _propose_mistakes(
         yield words, exchanged, None, 0
     for label, joints in zip(others.labels, others.joints, strict=True):
         if not np.allclose(joints, reading.joints[0]):
-            yield f"the arm stood as for '{label}'", replace(reading, joints=joints[None]), None, 1
+            yield f"the arm was in the posture of '{label}'", replace(reading, joints=joints[None]), None, 1
     for j, name in enumerate(robot.joint_names):
         turned = reading.joints.copy()
         turned[0, j] *= -1.0

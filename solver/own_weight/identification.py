@@ -206,7 +206,7 @@ def fit_weight(
         if moved <= small:
             return WeightFit(state, gravity, sag, base, c, rows, reduced, optimum, step)
     raise MeasurementError(
-        f"geometry and own weight did not settle in {MOST_STEPS} steps",
+        f"the fit of geometry and own weight did not converge in {MOST_STEPS} steps",
         where="observations",
         remedy="check masses, centres of mass, gravity's direction, and the unit and sign of the angles",
     )
@@ -321,8 +321,8 @@ def extract_weight(
 _BASE_UNCHECKED: Final = Finding(
     code="base_unchecked",
     weight="use_with_care",
-    message="the readings do not determine how the base below the first joint tilts: it is taken as rigid, "
-    "and what it tilts is in the joints' numbers",
+    message="the readings do not determine how the base below the first joint tilts: the base is taken as "
+    "rigid, so any tilt of it counts as compliance of the joints",
     remedy="read more postures; or state `rigid_base` if nothing below the first joint gives way",
 )
 
@@ -421,7 +421,7 @@ def fit_with_proved_corrections(
                 code="base_bends",
                 weight="use_with_care",
                 message=f"the base below the first joint tilts under the weight (F test, p = {p_value:.1g}), "
-                f"by {tilts} nrad/(N·m) about x and y; the joints' stiffnesses are without it",
+                f"by {tilts} nrad/(N·m) about x and y; the joints' stiffnesses do not include this tilt",
                 remedy="tighten and stiffen the base; a target on the base plate shows directly how it tilts",
             )
         )
@@ -466,7 +466,7 @@ def find_reasons_against(
             weight="use_with_care",
             message=f"the residuals give sigma = {length_text(factor * stated)}, but {length_text(stated)} "
             "was stated: something bends or moves that neither geometry nor own weight explains",
-            remedy="look for gears, links that bend, a target or base that moved; the intervals use the "
+            remedy="look for play in gears, links that bend, or a target or base that moved; the intervals use the "
             "larger sigma",
         )
     elif stated is not None:
@@ -505,10 +505,12 @@ def compute_joint_results(
     for name, kind, torque in named:
         reason = (
             f"its weight torque hardly varies over the postures ({torque.min():.3g} to {torque.max():.3g} "
-            "N·m): hang a known payload off its axis, or pull across it with a known force"
+            "N·m): hang a known payload off its axis, or apply a known force that twists it"
         )
         if np.abs(torque).max() <= _UPRIGHT * np.abs(fit.rows.torques.known).max():
-            reason = "gravity does not load it in any of the postures: pull across it with a known force"
+            reason = (
+                "gravity does not load the joint in any of the postures: apply a known force that twists it"
+            )
         joints.append(JointCompliance(name, kind, "not_observable", reason=reason))
     for k, j in enumerate(problem.seen.tolist()):
         name, unit, (low, high) = robot.joint_names[j], problem.unit[k], intervals[k]
@@ -516,13 +518,13 @@ def compute_joint_results(
         if not high < _AT_CAP * problem.cones.cap[k]:  # NaN where the program has no answer
             reason = (
                 f"own weight and readings do not determine the compliance of {name}: read more postures in "
-                "which its weight torque differs, as a plan for own weight lists them, or hang on a payload"
+                "which its weight torque differs, as a plan for own weight lists them, or attach a payload"
             )
             joints[j] = JointCompliance(name, kind, "not_observable", reason=reason)
             continue
         c = float(fit.compliance[j]) if fit.compliance[j] > _RIGID * high * unit else 0.0
         shares[j] = min(1.0, 2.0 * float(exact[k]) / (high - low))
-        explanation = "the interval begins at rigid, as the estimate does"
+        explanation = "estimate and lower end of the interval are a rigid joint"
         if c > 0.0:
             explanation = (
                 f"the interval reaches from rigid to {figure(high * unit / c, '.2g')} times the estimate"

@@ -171,5 +171,5 @@ def report_unchecked_masses(bodies: Sequence[Body], freed: Sequence[FreedMass]) 
         weight="use",
         message=f"the readings do not check the mass of {', '.join(names)}: twice the stated mass might not "
         f"be noticed, and would change a compliance by up to {100 * change:.2g} %",
-        remedy="be sure of these masses, or hang a known payload in half of the postures",
+        remedy="check these masses, or hang a known payload in half of the postures",
     )

@@ -143,7 +143,7 @@ class WeightReadings:
         joints += [balancer.joint for balancer in self.burden.balancers]
         if not joints or not 0 <= min(joints) <= max(joints) < self.poses.joint_map.n:
             raise MeasurementError(
-                f"no body is stated, or one is on none of the {self.poses.joint_map.n} joints",
+                f"the robot has no bodies, or a body is on none of its {self.poses.joint_map.n} joints",
                 where="masses",
                 remedy="state mass and centre of mass of each link, by the joint that carries it",
             )

@@ -31,7 +31,8 @@ if TYPE_CHECKING:
     from jointstiff.solver.own_weight.rows import WeightReadings
 
 _NO_MODEL_ERROR: Final = RequestError(
-    "stiffnesses are from the robot's own weight: no posture under load was left out", remedy="measure a load"
+    "the model error is unknown, because the stiffnesses come from the robot's own weight",
+    remedy="measure deflections under a load",
 )
 
 AnyOptions = TypeVar("AnyOptions", bound=RunOptions)

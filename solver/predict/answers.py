@@ -439,7 +439,7 @@ def build_forward_model(
     """
     if list(robot.joint_names) != stored.joints:
         raise RequestError(
-            f"the run is of a robot with the joints {', '.join(stored.joints)}",
+            f"the run was made with another robot, whose joints are {', '.join(stored.joints)}",
             where="run_id",
             remedy="give the robot that was measured",
         )
@@ -553,15 +553,15 @@ def _list_extrapolation_remarks(bound: ModelErrorBound, b: int) -> list[str]:
     load, leverage = float(bound.load_ratio[b]), float(bound.leverage_ratio[b])
     remarks = []
     if np.isinf(load):
-        remarks.append(f"extrapolated: no {bound.unmeasured} was measured, so its model error has no bound")
+        remarks.append(f"extrapolated: no {bound.unmeasured} was measured, so the model error is unknown")
     elif load > EXTRAPOLATED:
         remarks.append(
             f"extrapolated: the load is {figure(load, '.3g')} times the greatest that was measured"
         )
     if np.isfinite(load) and leverage > EXTRAPOLATED:
         remarks.append(
-            f"extrapolated: the readings determine this posture and place {figure(leverage, '.3g')} times "
-            "less than the worst measured target"
+            f"extrapolated: the prediction here is {figure(leverage, '.3g')} times as uncertain as that of the "
+            "worst measured target"
         )
     return remarks
 

@@ -200,7 +200,7 @@ class ForwardModel(ABC):
         """Return the coverage factor of an interval: its half-width over the standard uncertainty."""
         if not 0.0 < confidence < 1.0:
             raise RequestError(
-                f"the confidence is {confidence}",
+                f"the confidence {confidence} is not between 0 and 1",
                 where="confidence",
                 remedy="give a confidence between 0 and 1",
             )

@@ -456,7 +456,7 @@ class ElasticPredictor(ForwardModel):
         )
 
     def command(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
-        """Find the angles (B, n) to command [rad] with which the loaded places are at the goal (Newton steps).
+        """Find the angles (B, n) to command [rad] with which the loaded places reach the goal (Newton).
 
         The derivative neglects that the deflection changes with the posture; each step still gains three
         digits.
@@ -677,7 +677,7 @@ def leave_postures_out(
         raise RequestError("the model error needs two postures under load", remedy="measure more postures")
     if measurements.direction is not None:
         raise RequestError(
-            "readings along a direction do not show how far a prediction is off",
+            "readings along one direction do not show the whole error of a prediction",
             remedy="read all three coordinates of a target",
         )
     if estimate.covariance is None:

@@ -29,7 +29,7 @@ def test_the_terminal_says_what_masses_make_up_of_each_interval(tmp_path, own):
         "│ joint_1 │ — │ — │ — │ not observable │",
         "│ joint_2 │ 3.05 │ 0.35 │ 2.34 … 3.59 │ roughly known │",
         "│ joint_6 │ 0.101 │ 0.020 │ 0.072 … 0.159 │ roughly known │",
-        "joint_1: gravity does not load it in any of the postures: pull across it with a known force",
+        "joint_1: gravity does not load the joint in any of the postures: apply a known force that twists it",
         "explains 98.9 % of the mean deflection, residual 42.5 µm rms (3-D), sigma of a reading "
         "30 µm (given)",
         "share of uncertain masses in each interval: joint_2 35 %, joint_3 68 %, joint_4 18 %, joint_5 42 %, "

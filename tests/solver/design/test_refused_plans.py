@@ -41,7 +41,7 @@ def plan(robot, kind="any_direction", **options):
     return plan_campaign(robot, PlanRequest(equipment(kind, 1), **asked | options))
 
 
-FEWER = "ask for fewer readings, a smaller angle, or more candidates"
+FEWER = "request fewer readings, a smaller angle, or more candidates"
 
 
 @pytest.mark.parametrize(
@@ -99,8 +99,8 @@ def problem(rows, n=6):
 def test_a_design_needs_candidates_that_determine_all_parameters_in_postures_apart():
     rows = np.random.default_rng(1).standard_normal((30, 2, 4)) * [1.0, 0.3, 2.0, 0.7]
     assert refused(problem, rows * [1, 1, 0, 1]) == (
-        "candidates | all candidates together determine 3 of 4 parameters; nothing excites parameter "
-        "[2] | add loads or postures that excite the others, or leave these parameters out"
+        "candidates | all candidates together determine 3 of 4 parameters; no load changes parameter "
+        "[2] | add loads or postures that change the missing parameters, or leave these out"
     )
     ten, three_postures = problem(rows, 10), Distinct(np.repeat([[0.0], [1.0], [2.0]], 10, axis=0), 0.5)
     assert refused(find_exact_design, ten, optimise_design(ten), three_postures) == (

@@ -178,7 +178,7 @@ def test_an_arm_that_was_not_moved_stood_as_for_an_earlier_reading(stood, row):
     joints[row], labels[row] = EXACT.joints[row], "the last one"
     found = judged(replace(wrong, joints=joints, labels=tuple(labels)), ARM.compliances, row)
     assert found.doubtful
-    assert f"the arm stood as for '{wrong.labels[stood]}'" in found.causes
+    assert f"the arm was in the posture of '{wrong.labels[stood]}'" in found.causes
 
 
 def test_balls_hold_nine_of_ten():

@@ -32,7 +32,7 @@ from jointstiff.solver.estimation import identify as iteration
 from jointstiff.solver.estimation.causes import LINKS_LEVEL, screen_estimate
 from jointstiff.solver.estimation.cones import to_vector
 from jointstiff.solver.estimation.estimate import predict
-from jointstiff.solver.integrity import inspect
+from jointstiff.solver.integrity import inspect_measurements
 from jointstiff.solver.links.choice import Folds, list_models_to_compare
 from jointstiff.solver.links.fit import effective_compliances, effective_rows, estimate_elastic
 from jointstiff.solver.links.model import MODELS, WITH_BASE, ElasticColumns, ElasticModel, elastic_blocks
@@ -100,7 +100,7 @@ def test_covariance_is_that_of_a_linear_function_of_all_readings(method):
 
 @pytest.mark.parametrize("seed", range(10))
 def test_clean_encoders_raise_no_finding(seed):
-    assert not inspect(*prepared(seed=seed), degrees=False)
+    assert not inspect_measurements(*prepared(seed=seed), degrees=False)
 
 
 def test_predicted_deflections_are_those_of_springs_under_a_small_load():
