@@ -70,7 +70,7 @@ class Pool:
 
 def run(*, quick: bool) -> list[Section]:
     """Weights of 5,000 candidates beside cvxpy."""
-    return [_against_cvxpy(Pool.from_request(200 if quick else CANDIDATES), 2 if quick else 7)]
+    return [_against_cvxpy(Pool.of(200 if quick else CANDIDATES), 2 if quick else 7)]
 
 
 def _weights(pool: Pool, name: str) -> Design:

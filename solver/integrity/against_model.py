@@ -174,7 +174,7 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     count, posted_share = int(near.sum()), float(agree.mean())
     if count >= EXPLAINED * len(sample) and count / len(sample) > posted_share + 0.1:
         effect = (
-            f"as posted, the targets keep one position on the flange in {agree.sum()} of {len(rows)} "
+            f"as given, the targets keep one position on the flange in {agree.sum()} of {len(rows)} "
             f"observations; with {best.change}, in {count} of {len(near)}, within "
             f"{length_text(float(apart[near].max()))}"
         )

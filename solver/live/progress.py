@@ -348,7 +348,7 @@ class Progress:
         share, result, names = self.share, self.result, self.ahead.robot.joint_names
         if share.joint is None:
             reached = "unknown" if share.uncertainty is None else length_text(share.uncertainty)
-            return f"the deflection in the work area is known to {reached}, and further readings would improve it little"
+            return f"the deflection in the work area is known to {reached}, and more readings help little"
         parts = {part.joint: part for part in result.contributions} if isinstance(result, RunResult) else {}
         contribution = parts.get(names[share.joint])
         carries = (

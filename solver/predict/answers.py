@@ -560,7 +560,7 @@ def _list_extrapolation_remarks(bound: ModelErrorBound, b: int) -> list[str]:
         )
     if np.isfinite(load) and leverage > EXTRAPOLATED:
         remarks.append(
-            f"extrapolated: the prediction here is {figure(leverage, '.3g')} times as uncertain as that of the "
+            f"extrapolated: the prediction here is {figure(leverage, '.3g')} times as uncertain as at the "
             "worst measured target"
         )
     return remarks

@@ -353,7 +353,7 @@ def test_as_many_readings_are_planned_as_a_goal_needs_at_least(monkeypatch, leas
     monkeypatch.setattr(plan, "DesignProblem", lambda _, __, fitted, ___: fitted)
     monkeypatch.setattr(plan, "optimise_design", lambda *_: None)
     monkeypatch.setattr(plan, "find_exact_design", lambda fitted, *_, **__: SimpleNamespace(matrix=fitted))
-    monkeypatch.setattr(plan, "goal_share", lambda _, __, fitted: (least / fitted) ** fall)
+    monkeypatch.setattr(plan, "compute_goal_share", lambda _, __, fitted: (least / fitted) ** fall)
     request = request_of(equipment(), goal=JointsGoal(kind="joints", relative=0.1), validation=validation)
     pool = SimpleNamespace(parameters=SimpleNamespace(joints=range(6)), candidates=None, base=None)
     enough = [n for n in range(1, 300) if n - round(validation * n) >= least]

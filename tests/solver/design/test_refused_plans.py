@@ -59,7 +59,7 @@ FEWER = "request fewer readings, a smaller angle, or more candidates"
         ),
         (
             {"readings": 1},
-            "readings | 1 readings without those held out do not determine 6 joints | ask for more "
+            "readings | 1 readings without those held out do not determine 6 joints | request more "
             "readings, or a smaller share for validation",
         ),
         (
