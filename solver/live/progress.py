@@ -344,7 +344,7 @@ class Progress:
         return f", without the assumed errors of load point and force (with them ± {100 * greatest:.0f} %)"
 
     def _describe_obstacle(self) -> str:
-        """Return a sentence that names the joint or the deflection because of which the goal is not met."""
+        """Return a sentence that names the joint or the deflection that keeps the goal from being met."""
         share, result, names = self.share, self.result, self.ahead.robot.joint_names
         if share.joint is None:
             reached = "unknown" if share.uncertainty is None else length_text(share.uncertainty)

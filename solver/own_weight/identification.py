@@ -466,8 +466,8 @@ def find_reasons_against(
             weight="use_with_care",
             message=f"the residuals give sigma = {length_text(factor * stated)}, but {length_text(stated)} "
             "was stated: something bends or moves that neither geometry nor own weight explains",
-            remedy="look for play in gears, links that bend, or a target or base that moved; the intervals use "
-            "the larger sigma",
+            remedy="look for play in gears, links that bend, or a target or base that moved; the intervals "
+            "use the larger sigma",
         )
     elif stated is not None:
         p_value = special.chdtrc(rank, loss)

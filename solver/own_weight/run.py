@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from jointstiff.solver.own_weight.rows import WeightReadings
 
 _NO_MODEL_ERROR: Final = RequestError(
-    "the model error is unknown, because the stiffnesses come from the robot's own weight",
+    "the stiffnesses come from the robot's own weight, not from postures under load",
     remedy="measure deflections under a load",
 )
 

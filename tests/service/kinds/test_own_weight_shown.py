@@ -91,8 +91,8 @@ def test_sag_is_in_a_prediction_that_is_absolute_and_only_there(local, run):
     bent, relative = predicted(True), predicted(False)
     headline = "Use this prediction: nothing speaks against it; 5 of 6 joints of its run passed the checks"
     no_bound = (
-        "no bound of the model error: the model error is unknown, because the stiffnesses come from the "
-        "robot's own weight"
+        "no bound of the model error: the stiffnesses come from the robot's own weight, not from postures "
+        "under load"
     )
     for found, said in (
         (bent, "absolute: relative to an arm that does not bend, so sag by own weight is included"),
