@@ -35,10 +35,10 @@ from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.kinds.plan.work import to_design_request
 from jointstiff.service.problems import TakenError
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.live.ahead import Ahead
+from jointstiff.solver.live.ahead import CandidateReadings
 from jointstiff.solver.live.innovation import HeldOut, Innovation
 from jointstiff.solver.live.priors import Standing
-from jointstiff.solver.live.progress import Progress, Taken
+from jointstiff.solver.live.progress import Progress, ReadingsSoFar
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import length_text
 
@@ -81,7 +81,7 @@ class Declared:
         return self.header.open
 
     @cached_property
-    def ahead(self) -> Ahead:
+    def ahead(self) -> CandidateReadings:
         """Candidates of the readings that are still to be taken, from goal, equipment and robot.
 
         Raises:
@@ -124,7 +124,7 @@ class Declared:
                 "its unit",
             )
         force = None if isinstance(options.goal, JointsGoal) else options.goal.force
-        return Ahead.from_request(self.robot, request, None if force is None else np.array(force))
+        return CandidateReadings.from_request(self.robot, request, None if force is None else np.array(force))
 
     def document(self, observations: Sequence[Observation]) -> MeasurementSetDocument:
         """Return a measurement set of some observations, without validation: they were checked on arrival."""
@@ -216,7 +216,7 @@ class LiveCampaign:
     def progress(self) -> Progress:
         """Progress of the readings so far towards the goal; raises the errors of `Declared.ahead`."""
         options, observations, prepared = self.declared.options, self.observations, self._prepared
-        taken = Taken(
+        taken = ReadingsSoFar(
             measurements=None if prepared is None else prepared.measurements,
             noticed=() if prepared is None else tuple(prepared.warnings),
             judged={label: entry.innovation or Innovation() for label, entry in self.of_label.items()},

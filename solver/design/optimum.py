@@ -185,7 +185,7 @@ class GOptimality:
         """Return the variances tr(W_r M⁻¹) (R,) of the deflections at the R places."""
         return np.asarray(np.einsum("rij,ij->r", self.places, np.linalg.inv(M)))
 
-    def average(self, shares: FloatArray) -> AOptimality:
+    def build_mean_criterion(self, shares: FloatArray) -> AOptimality:
         """Return the criterion of the mean variance over the places, weighted by shares (R,)."""
         return AOptimality(np.tensordot(shares, self.places, axes=1))
 
@@ -199,7 +199,7 @@ class GOptimality:
             dual = np.zeros(len(self.places))
             dual[int(np.argmax(self.variances(M)))] = 1.0
         weights = np.maximum(dual, 0.0)
-        return self.average(weights / weights.sum()).support(M)
+        return self.build_mean_criterion(weights / weights.sum()).support(M)
 
     def scaled(self, unit: FloatArray) -> GOptimality:
         """Return the criterion for parameters in units (p,), relative to the present ones."""
@@ -434,13 +434,13 @@ class Candidates:
         force = np.zeros((len(index), 3))
         if self.free:
             force = np.linalg.eigh(_arrange_force_forms(self._price_by_axes(index, G)).T)[1][:, :, -1]
-        return self.under(index, force)
+        return self.build_atoms_under(index, force)
 
     def best(self, G: FloatArray, allowed: BoolArray | bool = True) -> Atoms:
         """Return the candidate of the greatest price ``⟨G, K_i⟩`` among those allowed (N,), as one atom."""
         return self.atoms(np.array([np.argmax(np.where(allowed, self.prices(G), -np.inf))]), G)
 
-    def under(self, index: IndexArray, force: FloatArray) -> Atoms:
+    def build_atoms_under(self, index: IndexArray, force: FloatArray) -> Atoms:
         """Return candidates (k,) as atoms, under forces along unit vectors (k, 3).
 
         Where forces are not free, each candidate has its own load, and `force` is only stored.
@@ -720,7 +720,7 @@ def optimise_worst_place(
     def negative_log_dual(shares: FloatArray) -> tuple[float, FloatArray]:
         """Return −log of the dual function at shares (R,), and its gradient; update `best` (the weights)."""
         nonlocal best
-        best = optimise_weights(criterion.average(np.maximum(shares, 0.0)), base, K, best)
+        best = optimise_weights(criterion.build_mean_criterion(np.maximum(shares, 0.0)), base, K, best)
         variances = criterion.variances(base + np.tensordot(best, K, axes=1))
         mean_variance = float(shares @ variances)
         return -float(np.log(mean_variance)), -variances / mean_variance

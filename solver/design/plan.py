@@ -312,7 +312,9 @@ def _draw_validation_readings(
             where="distinct_angle",
             remedy="request fewer readings, a smaller angle, or more candidates",
         )
-    return pool.candidates.under(np.array(validation, dtype=np.intp), _draw_directions(random, count))
+    return pool.candidates.build_atoms_under(
+        np.array(validation, dtype=np.intp), _draw_directions(random, count)
+    )
 
 
 def _divide_into_blocks(information: FloatArray, base: FloatArray, criterion: Criterion) -> IndexArray:
@@ -593,7 +595,7 @@ def average_random_plans(problem: DesignProblem, M: FloatArray, s: int, seed: in
     n, values, variances = problem.readings, [], []
     for _ in range(_RANDOM_PLANS):
         index = random.integers(0, len(problem.candidates), n)
-        drawn = problem.candidates.under(index, _draw_directions(random, n)).information
+        drawn = problem.candidates.build_atoms_under(index, _draw_directions(random, n)).information
         other = problem.base + drawn.sum(axis=0)
         values.append(problem.criterion.information(other))
         variances.append(np.square(compute_uncertainties(other / problem.squares, s)))

@@ -36,7 +36,7 @@ _RATIO: Final = (0.2, 20.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
+class KnownCompliances:
     """Compliances of n joints by the readings so far."""
 
     compliance: FloatArray  #: (n,) [rad/(N·m)]; NaN of joints without a number
@@ -44,7 +44,7 @@ class Known:
     factor: float  #: coverage factor of an interval of 95 %
 
     @classmethod
-    def nothing(cls, n: int) -> Known:
+    def before_any_reading(cls, n: int) -> KnownCompliances:
         """Return the compliances before any reading: NaN for each of the n joints."""
         return cls(np.full(n, np.nan), np.zeros((n, n)), 2.0)
 
@@ -57,7 +57,7 @@ class Known:
 
 
 @dataclass(frozen=True, eq=False)
-class Share:
+class UncertaintyShare:
     """Uncertainty so far, relative to that of a goal."""
 
     #: (s,) of the joints that loads twist, or (1,): uncertainty over that of the goal, which is met where all
@@ -76,7 +76,7 @@ class Share:
 
 
 @dataclass(frozen=True, eq=False)
-class Next:
+class NextReading:
     """The next reading."""
 
     index: int  #: index of the candidate
@@ -89,7 +89,7 @@ class Next:
 
 
 @dataclass(frozen=True, eq=False)
-class Ahead:
+class CandidateReadings:
     """Candidate readings of a live campaign, which are drawn once."""
 
     robot: Robot
@@ -100,7 +100,9 @@ class Ahead:
     )
 
     @classmethod
-    def from_request(cls, robot: Robot, request: PlanRequest, force: FloatArray | None = None) -> Ahead:
+    def from_request(
+        cls, robot: Robot, request: PlanRequest, force: FloatArray | None = None
+    ) -> CandidateReadings:
         """Draw candidate readings, and compute the deflections at places of the work area.
 
         Args:
@@ -134,7 +136,7 @@ class Ahead:
         """(s,) indices of the joints that the loads twist."""
         return self.pool.parameters.joints
 
-    def compare_with_goal(self, goal: Goal, known: Known) -> Share:
+    def compare_with_goal(self, goal: Goal, known: KnownCompliances) -> UncertaintyShare:
         """Compare the uncertainty after the readings so far with the uncertainty that a goal allows.
 
         Args:
@@ -150,16 +152,16 @@ class Ahead:
             weights[self.wanted, self.wanted] = urgent / np.square(
                 self._reference_compliances(known)[self.wanted]
             )
-            return Share(each, weights, goal.relative, joint=int(self.wanted[np.argmax(each)]))
+            return UncertaintyShare(each, weights, goal.relative, joint=int(self.wanted[np.argmax(each)]))
         rows = self.places.reshape(-1, n)
         mean, hidden = rows.T @ rows / len(rows), ~np.isfinite(known.compliance)
         if hidden.any() and np.abs(rows[:, hidden]).max() > _TWISTS * np.abs(rows).max():
             allowed = goal.limit if isinstance(goal, DecisionGoal) else goal.uncertainty
-            return Share(np.array([np.inf]), mean, allowed, joint=int(np.flatnonzero(hidden)[0]))
+            return UncertaintyShare(np.array([np.inf]), mean, allowed, joint=int(np.flatnonzero(hidden)[0]))
         if not isinstance(goal, DecisionGoal):
             uncertainty = known.factor * float(np.sqrt((mean * known.covariance).sum()))
             each = np.array([uncertainty / goal.uncertainty])
-            return Share(each, mean, goal.uncertainty, uncertainty=uncertainty)
+            return UncertaintyShare(each, mean, goal.uncertainty, uncertainty=uncertainty)
         deflections = self.places @ np.nan_to_num(known.compliance)
         length = np.linalg.norm(deflections, axis=-1)
         along = np.einsum("...i,...ij->...j", deflections / length[..., None], self.places)
@@ -168,16 +170,16 @@ class Ahead:
         uncertainty, greatest, row = float(u[worst]), float(length[worst]), along[worst]
         allowed = max(abs(goal.limit - greatest), 1e-12)
         each = np.array([uncertainty / allowed])
-        return Share(each, np.outer(row, row), allowed, uncertainty=uncertainty, greatest=greatest)
+        return UncertaintyShare(each, np.outer(row, row), allowed, uncertainty=uncertainty, greatest=greatest)
 
     def choose_next(
         self,
         goal: Goal,
-        known: Known,
+        known: KnownCompliances,
         readings: Measurements | None,
         taken: FloatArray,
         at: FloatArray | None = None,
-    ) -> Next | None:
+    ) -> NextReading | None:
         """Choose the next reading: the candidate that reduces the uncertainty relative to the goal most.
 
         Args:
@@ -226,9 +228,11 @@ class Ahead:
                 break
             best = candidates.best(criterion.support(M + vague), free)
         joints = self.pool.readings.joints[first]
-        return Next(first, joints, force, None if anchor < 0 else anchor, missing)
+        return NextReading(first, joints, force, None if anchor < 0 else anchor, missing)
 
-    def _predict_shares(self, goal: Goal, known: Known, share: Share, M: FloatArray) -> FloatArray:
+    def _predict_shares(
+        self, goal: Goal, known: KnownCompliances, share: UncertaintyShare, M: FloatArray
+    ) -> FloatArray:
         """Predict the uncertainties relative to the goal's, (s,) or (1,), after readings of information M."""
         parameters = self.pool.parameters
         if isinstance(goal, JointsGoal):
@@ -239,7 +243,7 @@ class Ahead:
         deviation = information**-0.5 if information > 0.0 else np.inf
         return np.array([known.factor * deviation / share.allowed])
 
-    def _reference_compliances(self, known: Known) -> FloatArray:
+    def _reference_compliances(self, known: KnownCompliances) -> FloatArray:
         """Return the compliances (n,); unknown ones such that all joints move the targets equally far."""
         return np.where(np.isfinite(known.compliance), known.compliance, self.pool.parameters.nominal)
 

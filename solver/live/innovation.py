@@ -86,7 +86,7 @@ class Expectation:
     spread: float  #: standard deviation of a coordinate of such a place [m]
 
     @classmethod
-    def of(cls, robot: Robot, others: Measurements, compliance: FloatArray) -> Expectation | None:
+    def from_readings(cls, robot: Robot, others: Measurements, compliance: FloatArray) -> Expectation | None:
         """Fit N readings to predict another reading; None if nothing determines the noise.
 
         Args:
@@ -215,7 +215,7 @@ def compare_last_reading(robot: Robot, measurements: Measurements, compliance: F
     reading = measurements[-1:]
     others = measurements[:-1] if len(measurements) > 1 else None
     try:
-        expected = None if others is None else Expectation.of(robot, others, compliance)
+        expected = None if others is None else Expectation.from_readings(robot, others, compliance)
         if others is None or expected is None:
             return _UNJUDGED
         _, p_value, _ = expected.measure_distance(reading)
@@ -293,7 +293,7 @@ def check_held_out_reading(
     others = measurements[np.delete(np.arange(len(measurements)), row)]
     reading = measurements[np.array([row])]
     try:
-        expected = Expectation.of(robot, others, compliance)
+        expected = Expectation.from_readings(robot, others, compliance)
         if expected is None:
             return None
         square, _, count = expected.measure_distance(reading)
@@ -331,7 +331,7 @@ def _cross_check_readings(expected: Expectation, others: Measurements, usual: fl
     squares = []
     for k in range(len(others)):
         part = others[np.delete(np.arange(len(others)), k)]
-        rest = Expectation.of(expected.robot, part, expected.compliance)
+        rest = Expectation.from_readings(expected.robot, part, expected.compliance)
         if rest is not None:
             rest = replace(rest, noise=expected.noise, misfit=expected.misfit)
             squares.append(_measure_unusual_distances(rest, others[np.array([k])], usual)[0])

@@ -9,7 +9,7 @@ import numpy as np
 
 from jointstiff.schemas.options import StiffnessPrior
 from jointstiff.solver.estimation.fit import student_quantile
-from jointstiff.solver.live.ahead import Known
+from jointstiff.solver.live.ahead import KnownCompliances
 
 _NORMAL: Final = student_quantile(0.975, None)
 """Half-width of an interval of 95 % over the standard uncertainty."""
@@ -17,7 +17,7 @@ Standing = Literal["waits", "counts", "deviates"]
 
 
 def compare_priors(
-    names: Sequence[str], known: Known, priors: Mapping[str, StiffnessPrior]
+    names: Sequence[str], known: KnownCompliances, priors: Mapping[str, StiffnessPrior]
 ) -> dict[str, Standing]:
     """Compare prior stiffnesses with the readings, and return the state of each prior.
 

@@ -26,7 +26,7 @@ from jointstiff.solver.estimation.estimate import stiffness_interval
 from jointstiff.solver.estimation.fit import student_quantile
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.live.ahead import Ahead, Known, Next, Share
+from jointstiff.solver.live.ahead import CandidateReadings, KnownCompliances, NextReading, UncertaintyShare
 from jointstiff.solver.live.innovation import (
     HeldOut,
     Innovation,
@@ -52,7 +52,7 @@ and loads explain too little."""
 
 
 @dataclass(frozen=True, eq=False)
-class Taken:
+class ReadingsSoFar:
     """Readings of a live campaign, with what was found about each of them."""
 
     measurements: Measurements | None = None  #: readings that count; None before the first
@@ -70,9 +70,9 @@ class Taken:
 class Progress:
     """A campaign's readings compared with its goal."""
 
-    ahead: Ahead  #: candidates of the readings to come, and the robot
+    ahead: CandidateReadings  #: candidates of the readings to come, and the robot
     goal: Goal  #: declared before the first reading
-    taken: Taken  #: readings so far
+    taken: ReadingsSoFar  #: readings so far
     priors: Mapping[str, StiffnessPrior]  #: prior stiffnesses by name of the joint
     weight: OwnWeight | None = None  #: options to identify by own weight; None with loads
 
@@ -153,13 +153,13 @@ class Progress:
         return {name: self.priors[name] for name, each in self.standings.items() if each == "counts"}
 
     @cached_property
-    def known(self) -> Known:
+    def known(self) -> KnownCompliances:
         """Compliances from the readings so far; their covariance contains stated errors, not assumed ones."""
         return self._extract_known_compliances(self.result, assumed=False)
 
     def _extract_known_compliances(
         self, result: RunResult | JointstiffError | None, *, assumed: bool
-    ) -> Known:
+    ) -> KnownCompliances:
         """Return the compliances of a result with their covariance.
 
         Args:
@@ -168,7 +168,7 @@ class Progress:
         """
         robot = self.ahead.robot
         if not isinstance(result, RunResult):
-            return Known.nothing(robot.n)
+            return KnownCompliances.before_any_reading(robot.n)
         compliance = np.array([joint.compliance or np.nan for joint in result.joints], dtype=np.float64)
         if result.budget is not None:
             left_out = set() if _residuals_may_exceed_noise(result.goodness) else {"model_error"}
@@ -179,10 +179,10 @@ class Progress:
             u = np.array([joint.standard_uncertainty or np.nan for joint in result.joints], dtype=np.float64)
             covariance, factor = np.diag(np.square(np.nan_to_num(u))), student_quantile(0.975, None)
         known = np.diagonal(covariance) > 0.0
-        return Known(np.where(known, compliance, np.nan), covariance, factor)
+        return KnownCompliances(np.where(known, compliance, np.nan), covariance, factor)
 
     @cached_property
-    def share(self) -> Share:
+    def share(self) -> UncertaintyShare:
         """Uncertainty so far compared with that of the goal."""
         return self.ahead.compare_with_goal(self.goal, self.known)
 
@@ -257,7 +257,7 @@ class Progress:
         return self.fewest == FEWEST and self.next is not None and self.next.missing == 1
 
     @cached_property
-    def next(self) -> Next | None:
+    def next(self) -> NextReading | None:
         """The next reading; None if no candidate is left."""
         m = self.taken.measurements
         taken = np.array(self.taken.skipped, dtype=np.float64).reshape(-1, self.ahead.robot.n)

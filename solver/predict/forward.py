@@ -172,7 +172,7 @@ class ForwardModel(ABC):
         """
 
     @abstractmethod
-    def command(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
+    def compute_commands(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
         """Return angles (B, n) [rad] to command, so that the deflected robot reaches the wanted postures.
 
         Args:
@@ -394,13 +394,13 @@ def compensate(
         place = under.to_base(wanted.place[:, None])[:, 0]
         return under, _compute_pose_difference(*wanted_poses, place, under.flange_rotation)
 
-    under, correction = apply_commands(model.command(wanted, goal, share))
+    under, correction = apply_commands(model.compute_commands(wanted, goal, share))
     # `cap` (m,) is the share of each correction that the limits allow.
     size = np.stack([np.linalg.norm(correction[:, :3], axis=1), np.linalg.norm(correction[:, 3:], axis=1)])
     most = np.array([[limits.displacement], [limits.rotation]])
     cap: FloatArray = np.min(np.where(size > most, most / np.where(size > 0.0, size, 1.0), 1.0), axis=0)
     if (cap < 1.0).any():
-        reduced = model.command(wanted, goal, share * cap)
+        reduced = model.compute_commands(wanted, goal, share * cap)
         under, correction = apply_commands(np.where(cap[:, None] < 1.0, reduced, under.q))
     reached = model.deflect(wanted, under, near=goal)
     return Compensation(

@@ -165,7 +165,7 @@ class JointModel(ForwardModel):
             jacobian=jacobian,
         )
 
-    def command(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
+    def compute_commands(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
         """Return the angles (B, n) to command, ``θ − s c ∘ (τ(θ) + g(θ) − g(q_cmd))`` [rad].
 
         θ are the wanted angles, s the share, c the compliances, τ the torques of the load and g those of own
@@ -455,7 +455,7 @@ class ElasticPredictor(ForwardModel):
             wrench=wrench[:, :, 0],
         )
 
-    def command(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
+    def compute_commands(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
         """Find the angles (B, n) to command [rad] with which the loaded places reach the goal (Newton).
 
         The derivative neglects that the deflection changes with the posture; each step still gains three
