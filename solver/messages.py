@@ -16,17 +16,17 @@ from jointstiff.schemas.measurement import Rigid
 Built = TypeVar("Built", bound=Message)
 
 
-def rows(kind: type[Built], /, **columns: Sequence[Any] | np.ndarray[Any, Any]) -> list[Built]:
+def build_messages(kind: type[Built], /, **columns: Sequence[Any] | np.ndarray[Any, Any]) -> list[Built]:
     """Build one message of a class for each row of a table that is stated by its columns.
 
     Args:
         kind: class of the messages.
         columns: list of values of each field of the messages, by the field's name; all have the same length.
     """
-    return validated(kind, table(**columns))
+    return validated(kind, build_row_dictionaries(**columns))
 
 
-def table(**columns: Sequence[Any] | np.ndarray[Any, Any]) -> list[dict[str, Any]]:
+def build_row_dictionaries(**columns: Sequence[Any] | np.ndarray[Any, Any]) -> list[dict[str, Any]]:
     """Turn named columns of equal length into a list of rows, each a dictionary by the columns' names.
 
     In the rows, arrays become lists, and numbers that are not finite become None.
@@ -35,7 +35,7 @@ def table(**columns: Sequence[Any] | np.ndarray[Any, Any]) -> list[dict[str, Any
     return [dict(zip(columns, row, strict=True)) for row in values]
 
 
-def finite(value: float | None) -> float | None:
+def finite_or_none(value: float | None) -> float | None:
     """Return a number as a plain float; None where the number is missing or not finite."""
     return None if value is None or not isfinite(value) else float(value)
 

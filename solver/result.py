@@ -30,7 +30,7 @@ from jointstiff.solver.links.choice import judge_losses, judge_penalty
 from jointstiff.solver.links.competition import Competition, Elastic, Winner
 from jointstiff.solver.links.fit import with_links
 from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.messages import finite, list_joint_kinds, rows
+from jointstiff.solver.messages import build_messages, finite_or_none, list_joint_kinds
 from jointstiff.solver.predict.answers import build_stored_model
 from jointstiff.solver.predict.models import (
     ElasticPredictor,
@@ -229,7 +229,7 @@ def describe_choice_by_comparison(winner: Winner, screening: Screening) -> Model
                 compensation=each.compensation,
                 standard_error=each.standard_error,
                 by_fold=each.by_fold.tolist(),
-                mean_residual=finite(each.mean_residual),
+                mean_residual=finite_or_none(each.mean_residual),
             )
             for each in selection.models
         ],
@@ -257,7 +257,7 @@ def build_run_result(
     names, kinds = [joint.name for joint in estimate.joints], [joint.kind for joint in estimate.joints]
     contributions: list[runs.Contribution] = []
     if prediction.contributions is not None:
-        contributions = rows(runs.Contribution, joint=names, **vars(prediction.contributions))
+        contributions = build_messages(runs.Contribution, joint=names, **vars(prediction.contributions))
     robust = estimate.robust
     return RunResult(
         assessment=build_assessment_message(assessment, estimate.joints),
@@ -309,7 +309,7 @@ def build_joint_results(
             compliance_interval=joint.compliance_interval,
             stiffness_interval=joint.stiffness_interval,
             stiffness_at_least=joint.stiffness_at_least,
-            prior_to_data=finite(joint.prior_to_data),
+            prior_to_data=finite_or_none(joint.prior_to_data),
             reason=reason,
         )
 
@@ -342,7 +342,7 @@ def _build_identifiability(estimate: Estimate, advice: Sequence[runs.Advice]) ->
     return runs.Identifiability(
         parameters=estimate.parameters,
         rank=estimate.rank,
-        condition_number=finite(estimate.condition_number),
+        condition_number=finite_or_none(estimate.condition_number),
         combinations=estimate.combinations,
         observability=estimate.observability_indices,
         advice=list(advice),
@@ -350,7 +350,7 @@ def _build_identifiability(estimate: Estimate, advice: Sequence[runs.Advice]) ->
         stages=[
             runs.StageIdentifiability(
                 rank=stage.rank,
-                condition_number=finite(stage.condition_number),
+                condition_number=finite_or_none(stage.condition_number),
                 singular_values=stage.singular_values.tolist(),
             )
             for stage in estimate.identifiability
@@ -366,14 +366,14 @@ def _build_complementary_stiffness(size: ComplementaryStiffness | None) -> runs.
         included=size.included,
         iterations=size.iterations,
         largest_ratio=size.largest_ratio,
-        largest_shift=finite(size.largest_shift),
+        largest_shift=finite_or_none(size.largest_shift),
     )
 
 
 def _build_residuals(prediction: Prediction, measurements: Measurements) -> list[runs.Residual]:
     """Build one message for each reading: measured and predicted deflection, and their difference."""
     i, t = np.nonzero(measurements.present)
-    return rows(
+    return build_messages(
         runs.Residual,
         observation=np.array(measurements.labels)[i],
         target=np.array(measurements.targets)[t],
@@ -395,7 +395,7 @@ def _build_encoder_residuals(
         return []
     k, j = np.nonzero(encoders.present)
     read, predicted = encoders.deflection[k, j], prediction.encoders[k, j]
-    return rows(
+    return build_messages(
         runs.EncoderResidual,
         observation=np.array(measurements.labels)[k],
         joint=np.array(names)[j],
@@ -414,7 +414,7 @@ def list_suspicious_readings(estimate: Estimate, measurements: Measurements) -> 
     if robust is None:
         return []
     i, t = robust.suspicious[:MAX_SUSPICIOUS].T
-    return rows(
+    return build_messages(
         runs.SuspiciousReading,
         observation=np.array(measurements.labels)[i],
         target=np.array(measurements.targets)[t],
@@ -464,7 +464,7 @@ def build_budget_message(
                 source=part.source,
                 evaluation=part.evaluation,
                 included=part.included,
-                degrees_of_freedom=finite(part.degrees_of_freedom),
+                degrees_of_freedom=finite_or_none(part.degrees_of_freedom),
                 contributions=own.tolist(),
                 correlation=between.tolist(),
             )

@@ -42,7 +42,7 @@ from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.messages import rows
+from jointstiff.solver.messages import build_messages
 from jointstiff.solver.text import figure
 
 SAME_PLACE: Final = 1e-9
@@ -338,7 +338,7 @@ def fit_ordered(
     first, second = c.reshape(2, n)
     stiffness = [[stiffness_of(value) for value in part] for part in (first, second)]
     message = OrderedResult(
-        joints=rows(
+        joints=build_messages(
             OrderedJoint,
             name=sides[0].robot.joint_names,
             kind=sides[0].robot.joint_kinds,

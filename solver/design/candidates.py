@@ -156,41 +156,41 @@ def find_feasible(
         links = np.linalg.norm(np.diff(points[:, :-1], axis=1), axis=2)
         links[:, :-1][:, robot.prismatic] = 0.0  # a rail makes no link thicker
         radius = _RELATIVE_RADIUS * float(links.sum(axis=1).max())
-    struck = {"joint_limits": ~robot.within_limits(joints)}
+    excluded = {"joint_limits": ~robot.within_limits(joints)}
     if direction is not None:
         jacobian = at.jacobian_at(load[:, None])[:, 0]
         torque = equipment.loads.force * np.einsum("nij,ni->nj", jacobian, direction)
-        struck["torque"] = (np.abs(torque) > equipment.loads.torque_limit).any(axis=1)
-    struck["floor_or_box"] = _find_out_of_bounds(cell, points, targets, radius)
+        excluded["torque"] = (np.abs(torque) > equipment.loads.torque_limit).any(axis=1)
+    excluded["floor_or_box"] = _find_out_of_bounds(cell, points, targets, radius)
     # Only links that are apart along the arm by more than twice their thickness can collide.
-    struck["self_collision"] = np.zeros(count, dtype=np.bool_)
+    excluded["self_collision"] = np.zeros(count, dtype=np.bool_)
     lengths = np.linalg.norm(np.diff(points, axis=1), axis=2).max(axis=0)
     for i, j in combinations(range(len(lengths)), 2):
         if lengths[i + 1 : j].sum() > 4.0 * radius:
             apart = segment_distance(points[:, i], points[:, i + 1], points[:, j], points[:, j + 1])
-            struck["self_collision"] |= apart < 2.0 * radius
+            excluded["self_collision"] |= apart < 2.0 * radius
     if equipment.instrument is not None:
         station = np.array(equipment.instrument.station)
         hidden = [
             _is_crossed_by_link(points, radius, station, targets[:, t]) for t in range(targets.shape[1])
         ]
-        struck["line_of_sight"] = np.any(hidden, axis=0)
+        excluded["line_of_sight"] = np.any(hidden, axis=0)
         if cell.facing:
             facing = np.array(list(cell.facing.values()))
             sight, look = station - targets, facing @ at.flange_rotation.transpose(0, 2, 1)
             norms = np.linalg.norm(sight, axis=2) * np.linalg.norm(look, axis=2)
             away = (sight * look).sum(axis=2) / norms < np.cos(cell.acceptance)
-            struck["reflector_acceptance"] = away.any(axis=1)
+            excluded["reflector_acceptance"] = away.any(axis=1)
     if direction is not None and equipment.loads.kind == "cable":
         # The anchor of each reading is that towards which its force points
         towards = equipment.loads.anchors - load[:, None]
         length = np.linalg.norm(towards, axis=2)
         own = np.argmax(np.einsum("nai,ni->na", towards, direction) / np.maximum(length, 1e-9), axis=1)
-        struck["cable"] = length[np.arange(count), own] < _SHORTEST_CABLE
-        struck["cable"] |= _is_crossed_by_link(points, radius, load, equipment.loads.anchors[own])
-    first = np.argmax(list(struck.values()), axis=0)
-    kept = ~np.any(list(struck.values()), axis=0)
-    counts = {reason: int(((first == i) & ~kept).sum()) for i, reason in enumerate(struck)}
+        excluded["cable"] = length[np.arange(count), own] < _SHORTEST_CABLE
+        excluded["cable"] |= _is_crossed_by_link(points, radius, load, equipment.loads.anchors[own])
+    first = np.argmax(list(excluded.values()), axis=0)
+    kept = ~np.any(list(excluded.values()), axis=0)
+    counts = {reason: int(((first == i) & ~kept).sum()) for i, reason in enumerate(excluded)}
     return kept, {reason: number for reason, number in counts.items() if number}
 
 

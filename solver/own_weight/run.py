@@ -21,7 +21,7 @@ from jointstiff.solver.estimation.problem import Bounds, Constraints
 from jointstiff.solver.estimation.solution import greatest_violations
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.messages import point, rows
+from jointstiff.solver.messages import build_messages, point
 from jointstiff.solver.predict.answers import build_stored_model
 from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.result import build_assessment_message, build_joint_results
@@ -127,7 +127,7 @@ def run_by_weight(
             largest_ratio=estimate.largest_stiffness_ratio,
             largest_shift=None,
         ),
-        residuals=rows(
+        residuals=build_messages(
             runs.Residual,
             observation=np.array(m.labels)[observation[row]],
             target=np.array(m.targets)[target],
@@ -228,7 +228,7 @@ def _build_model(robot: Robot, estimate: WeightEstimate) -> JointModel:
 def _build_weight_result(estimate: WeightEstimate) -> WeightResult:
     """Build the message of own weight: torque, sag and causes of uncertainty of each joint, and gravity."""
     torque, sag = estimate.fit.rows.torques.known, np.abs(estimate.fit.sag).max(axis=0)
-    shares = rows(
+    shares = build_messages(
         WeightShare,
         joint=[joint.name for joint in estimate.joints],
         torque=np.column_stack([torque.min(axis=0), torque.max(axis=0)]),

@@ -28,7 +28,7 @@ from jointstiff.solver.mechanics.block import OwnWeight
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.inverse import InverseKinematics, apart, in_ranges
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.messages import point, rows
+from jointstiff.solver.messages import build_messages, point
 from jointstiff.solver.predict.forward import Deflection, ForwardModel, unit_vectors
 from jointstiff.solver.predict.models import (
     EXTRAPOLATED,
@@ -326,7 +326,7 @@ def build_messages_where(
     """
     there = np.flatnonzero(where).tolist()
     answers: list[Answer | None] = [None] * len(where)
-    chosen = rows(kind, **{name: [column[i] for i in there] for name, column in columns.items()})
+    chosen = build_messages(kind, **{name: [column[i] for i in there] for name, column in columns.items()})
     for i, answer in zip(there, chosen, strict=True):
         answers[i] = answer
     return answers
@@ -359,7 +359,7 @@ def build_stored_model(
     if isinstance(error, ModelError):
         stored["error"] = stored_as.ModelError(
             postures=error.postures,
-            steps=rows(stored_as.ScoreStep, score=error.score, share=error.share),
+            steps=build_messages(stored_as.ScoreStep, score=error.score, share=error.share),
             force=error.force,
             moment=error.moment,
             least_load=error.least_load,
@@ -534,7 +534,7 @@ def build_case_results(
             "prediction is not valid"
         ]
     budgets = _build_budget_messages(bent, budget, radius, bent.model.quantile(confidence))
-    return rows(
+    return build_messages(
         cases.CaseResult,
         label=labels,
         displacement=np.where(there[:, None], bent.displacement, np.nan),
@@ -656,7 +656,7 @@ def summarise_map(table: DeflectionMap, places: FloatArray, tool: FloatArray) ->
     percentiles: dict[str, float] = {}
     if len(reached):
         order = [reached[np.argmax(length[reached])], reached[np.argmin(length[reached])]]
-        ends = rows(
+        ends = build_messages(
             cases.MapPlace,
             position=places[order],
             joints=table.joints[order],

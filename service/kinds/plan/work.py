@@ -33,7 +33,7 @@ from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.mechanics.block import targets_in_flange
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.messages import rows
+from jointstiff.solver.messages import build_messages
 from jointstiff.solver.own_weight.rows import Burden, make_planned_rows_function
 from jointstiff.solver.own_weight.run import run_by_weight
 from jointstiff.solver.result import build_assessment_message
@@ -301,7 +301,7 @@ def to_plan_result(
         goal_share=plan.goal_share,
         assessment=assessment,
         joint_kinds=kinds_of(robot),
-        readings=rows(
+        readings=build_messages(
             plans.PlannedReading,
             label=[f"{'v' if held else 'p'}{i:0{digits}d}" for i, held in enumerate(plan.validation, 1)],
             joints=plan.joints,
@@ -313,7 +313,7 @@ def to_plan_result(
         ),
         targets=dict(zip(names, request.equipment.targets.tolist(), strict=True)),
         load_point=request.equipment.load_point,
-        joints=rows(
+        joints=build_messages(
             plans.PlannedJoint,
             name=[robot.joint_names[j] for j in chosen],
             kind=[robot.joint_kinds[j] for j in chosen],
