@@ -448,7 +448,7 @@ def build_budget_message(
     if budget is None:
         return None
     shown, factor = budget.joints, budget.coverage_factor
-    # The rows of the spread are the components, then all without and all with the model error.
+    # The rows of the spread are the components, the sum of the included components, and the sum of all.
     spread = budget.spread
     lacks = any(each.code in _LACK_OF_FIT or each.weight == "do_not_use" for each in reasons)
     uncertainty, correlation = spread.uncertainty[:, shown], spread.correlation[:, shown][..., shown]

@@ -383,7 +383,7 @@ class Readings:
         return Readings(self.joints[part], self.anchor[part], self.forces[part], along)
 
     def rows(self, robot: Robot, request: PlanRequest, equipment: Equipment) -> FloatArray:
-        """Build the rows (N, L, 3 T, P) of N readings of T targets under each of L loads; unit sigma."""
+        """Build the rows (N, L, 3 T, P) of N readings of T targets under L loads, in units of sigma."""
         if request.by_weight is not None:
             return request.by_weight(self.joints)[:, None]
         loaded = [

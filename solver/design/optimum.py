@@ -653,7 +653,7 @@ def optimise_weights(
     """
 
     def compute_slope(w: FloatArray) -> Slope:
-        """Return −log φ and its derivatives with respect to weights w (k,)."""
+        """Return −log φ at weights w (k,), and its derivatives with respect to w."""
         return criterion.slope(base + (w @ K.reshape(len(K), -1)).reshape(base.shape), K)
 
     w, at, last = weights, compute_slope(weights), np.inf

@@ -90,7 +90,7 @@ class NextReading:
 
 @dataclass(frozen=True, eq=False)
 class CandidateReadings:
-    """Candidate readings of a live campaign, which are drawn once."""
+    """Candidate readings of a live campaign; they are drawn once, when the campaign begins."""
 
     robot: Robot
     request: PlanRequest

@@ -138,9 +138,7 @@ def find_postures_within_limits(
     solutions, complete = inverse.solutions(goals)
     lost = np.zeros(0, dtype=np.intp)
     arm = inverse.arm
-    of_arm = (
-        None if task.near is None else inverse.of_arm(task.near)
-    )  # angles of the arm without fixed joints
+    of_arm = None if task.near is None else inverse.of_arm(task.near)
     if of_arm is not None:
         rows = np.flatnonzero(~complete)
         near = np.tile(arm.joint_map.model_angles(of_arm[None]), (len(rows), 1))

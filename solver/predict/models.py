@@ -169,7 +169,7 @@ class JointModel(ForwardModel):
         """Return the angles (B, n) to command, ``θ − s c ∘ (τ(θ) + g(θ) − g(q_cmd))`` [rad].
 
         θ are the wanted angles, s the share, c the compliances, τ the torques of the load and g those of own
-        weight. An identified own weight bends the commanded posture, too: g(q_cmd) is then left out.
+        weight. With an identified own weight, deflections include the sag: g(q_cmd) is then left out.
         """
         step = share[:, None] * self.compliance
         torque = goal.load(wanted.load_point, wanted.force, wanted.moment)[1]
