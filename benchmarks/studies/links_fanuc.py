@@ -108,7 +108,7 @@ def _share_of_ball(
     """Return how far held-out readings are from their predictions, over the radii of the balls for 90 %."""
     error, place = leave_folds_out(robot, fitted, elastic), held.position[:, 0]  # in the flange frame
     cases = LoadCases(held.joints, held.force, held.moment, held.load_point, place.copy())
-    bent = ElasticPredictor.of(robot, elastic).deflect(cases)
+    bent = ElasticPredictor.from_estimate(robot, elastic).deflect(cases)
     off = np.linalg.norm(held.deflection[:, 0] - bent.displacement, axis=1)
     return np.asarray(off / error.bound(cases, bent.leverage, 0.9).radius)
 

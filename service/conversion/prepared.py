@@ -37,7 +37,7 @@ from jointstiff.service.conversion.robots import build_chain_robot, build_dh_cha
 from jointstiff.service.conversion.units import LENGTH, to_instrument
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RequestError, RobotError
-from jointstiff.solver.integrity import inspect
+from jointstiff.solver.integrity import inspect_measurements
 from jointstiff.solver.integrity.other_robots import KnownRobot
 from jointstiff.solver.mechanics.chain import KinematicChain
 from jointstiff.solver.mechanics.measurements import Measurements
@@ -292,7 +292,9 @@ def check_set(
         measurements = to_measurements(*transform_to_base(document, readings, resolved), robot)
     findings = list(noticed)
     if measurements.unloaded_only is None:  # without a load there is no deflection to inspect
-        findings += inspect(robot, measurements, degrees=document.units.angle == "deg", others=others)
+        findings += inspect_measurements(
+            robot, measurements, degrees=document.units.angle == "deg", others=others
+        )
     content = content_hash(document, readings, resolved)
     return PreparedSet(robot, robot_id, robot_hash, readings, measurements, findings, content)
 

@@ -20,7 +20,7 @@ from jointstiff.solver.errors import RequestError, RobotError
 from jointstiff.solver.mechanics.chain import KinematicChain, dh_chain
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Body, JointMap, Robot
-from jointstiff.solver.messages import rows, stated_kinds
+from jointstiff.solver.messages import build_messages, list_joint_kinds
 
 if TYPE_CHECKING:  # geometry is no part of an identification
     from jointstiff.schemas.geometry import GeometryUnits
@@ -80,7 +80,9 @@ def to_bodies(bodies: Sequence[Body], chain: KinematicChain) -> list[robots.Body
 def describe_joints(robot: Robot) -> list[robots.Joint]:
     """Return the moving joints with their limits."""
     lower, upper = robot.limits.T
-    return rows(robots.Joint, name=robot.joint_names, kind=robot.joint_kinds, lower=lower, upper=upper)
+    return build_messages(
+        robots.Joint, name=robot.joint_names, kind=robot.joint_kinds, lower=lower, upper=upper
+    )
 
 
 def to_postures(robot: Robot, joints: list[list[float]]) -> list[Posture]:
@@ -97,7 +99,7 @@ def to_postures(robot: Robot, joints: list[list[float]]) -> list[Posture]:
     q = robot.joint_map.model_angles(controller)
     at = Postures(robot, q)
     frames, origins = at.joint_frames
-    return rows(
+    return build_messages(
         Posture,
         joint_names=[list(robot.joint_names)] * len(q),
         joint_origins=origins,
@@ -149,7 +151,7 @@ def refuse_wrong_joint_count(robot: Robot, angles: Sequence[float], where: str) 
 
 def joint_kinds_by_name(robot: Robot) -> dict[str, JointKind]:
     """Return the kind of each joint by name; empty if all joints are revolute."""
-    return stated_kinds(robot.joint_names, robot.joint_kinds)
+    return list_joint_kinds(robot.joint_names, robot.joint_kinds)
 
 
 def list_joint_names(robot: Robot) -> str:

@@ -35,10 +35,10 @@ from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.kinds.plan.work import to_design_request
 from jointstiff.service.problems import LabelTakenError
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.live.ahead import Ahead
+from jointstiff.solver.live.ahead import CandidateReadings
 from jointstiff.solver.live.innovation import HeldOut, Innovation
 from jointstiff.solver.live.priors import Standing
-from jointstiff.solver.live.progress import Progress, Taken
+from jointstiff.solver.live.progress import Progress, ReadingsSoFar
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import length_text
 
@@ -81,7 +81,7 @@ class Declaration:
         return self.header.open
 
     @cached_property
-    def ahead(self) -> Ahead:
+    def ahead(self) -> CandidateReadings:
         """Planner of the next readings: candidate postures and loads, from goal, equipment and robot.
 
         Raises:
@@ -125,7 +125,7 @@ class Declaration:
                 "its unit",
             )
         force = None if isinstance(options.goal, JointsGoal) else options.goal.force
-        return Ahead.of(self.robot, request, None if force is None else np.array(force))
+        return CandidateReadings.from_request(self.robot, request, None if force is None else np.array(force))
 
     def document(self, observations: Sequence[Observation]) -> MeasurementSetDocument:
         """Return a measurement set of observations, without validation: each was checked on arrival."""
@@ -204,7 +204,7 @@ class LiveCampaign:
         prepared = self.declared.prepared([*before, observation])
         if not before:
             return Entry("observation", observation.label, observation)
-        innovation, held_out = self.progress.judge(prepared.measurements)
+        innovation, held_out = self.progress.compare_reading(prepared.measurements)
         return Entry("observation", observation.label, observation, innovation, held_out)
 
     @cached_property
@@ -217,7 +217,7 @@ class LiveCampaign:
     def progress(self) -> Progress:
         """Progress of the readings so far towards the goal; raises the errors of `Declaration.ahead`."""
         options, observations, prepared = self.declared.options, self.observations, self._prepared
-        record = Taken(
+        record = ReadingsSoFar(
             measurements=None if prepared is None else prepared.measurements,
             noticed=() if prepared is None else tuple(prepared.warnings),
             judged={label: entry.innovation or Innovation() for label, entry in self.entry_by_label.items()},
@@ -341,7 +341,7 @@ class LiveCampaign:
                 label=label,
                 state="withdrawn" if label in withdrawn else "doubtful" if label in doubtful else "counts",
                 reason=withdrawn[label].reason if label in withdrawn else None,
-                **vars(self.progress.found(label)),
+                **vars(self.progress.find_comparison(label)),
                 ball_ratio=None if entry.held_out is None else entry.held_out.ball_ratio,
             )
             for label, entry in self.entry_by_label.items()

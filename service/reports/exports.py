@@ -18,7 +18,7 @@ from jointstiff.service.tables.stiffness import UNITS, lower_limit
 from jointstiff.service.tables.table import Sheet, Value
 from jointstiff.solver.mechanics.chain import ChainJoint, KinematicChain
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.text import rounded_down, stiffness_text
+from jointstiff.solver.text import round_down, stiffness_text
 
 _UNIT = UNITS["MNm/rad"]
 PLACEHOLDERS = (
@@ -121,7 +121,7 @@ def explain_missing_stiffness(joint: JointResult) -> str:
         return "the estimate is negative: identify again with non-negative compliances"
     least, bound = lower_limit(joint), ""
     if least is not None:
-        bound = f"; it is at least {stiffness_text(rounded_down(least), joint.kind)}"
+        bound = f"; it is at least {stiffness_text(round_down(least), joint.kind)}"
     return f"the readings cannot distinguish the joint from rigid{bound}"
 
 

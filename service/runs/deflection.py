@@ -48,7 +48,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.predict.answers import case_results
+from jointstiff.solver.predict.answers import build_case_results
 from jointstiff.solver.predict.models import EXTRAPOLATED
 
 MAX_CASE_WORK: Final = 150_000
@@ -108,7 +108,7 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
     size = np.linalg.norm(directions, axis=1, keepdims=True)
     directions = np.where(size > 0.0, directions / np.where(size > 0.0, size, 1.0), np.nan)
     labels = [case.label or str(i) for i, case in enumerate(request.cases, 1)]
-    answers = case_results(deflections, bound, directions, confidence, labels, run_model.result.budget)
+    answers = build_case_results(deflections, bound, directions, confidence, labels, run_model.result.budget)
     return DeflectionResult(
         joint_kinds=joint_kinds_by_name(robot),
         assessment=assess_with_run(

@@ -21,7 +21,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.block import OwnWeight
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.predict.answers import forward_model
+from jointstiff.solver.predict.answers import build_forward_model
 from jointstiff.solver.predict.forward import ForwardModel
 from jointstiff.solver.predict.models import IdentifiedWeight, JointModel, ModelError
 from jointstiff.solver.text import figure
@@ -121,7 +121,7 @@ class RunModel:
             raise RequestError(
                 f"run '{run.id}' has no model", where="run_id", remedy="choose a run that determines a joint"
             )
-        model, error = forward_model(robot, result.model, weight)
+        model, error = build_forward_model(robot, result.model, weight)
         if weight is not None and model.first_order:
             raise RequestError(
                 f"run '{run.id}' has elastic links or coupling, which do not support own weight",
@@ -165,7 +165,7 @@ class RunModel:
         if self.error is None:
             reason = self.result.model.no_error if self.result.model else None
             remarks.append(f"no bound of the model error: {reason or 'no posture could be omitted'}")
-        elif self.error.postures < (needed := self.error.needed(confidence)):
+        elif self.error.postures < (needed := self.error.count_needed_postures(confidence)):
             remarks.append(f"{level}: {needed} postures are needed, and there are {self.error.postures}")
         elif np.isinf(self.error.quantile(confidence)):
             remarks.append(f"{level}: too many postures are needed to determine a joint")

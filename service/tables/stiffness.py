@@ -11,7 +11,7 @@ from typing import Final, Protocol
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.schemas.run import JointResult
 from jointstiff.service.tables.table import NO_NUMBER, Line, format_concise, format_rounded
-from jointstiff.solver.text import figure, rounded_down
+from jointstiff.solver.text import figure, round_down
 
 
 def lower_limit(joint: JointResult) -> float | None:
@@ -103,7 +103,7 @@ class StiffnessUnit:
         # Without an upper end the one-sided bound is shown, which is tighter than the interval's lower end.
         if (least := lower_limit(joint)) is None:
             return "—"
-        bound = rounded_down(least)
+        bound = round_down(least)
         return (
             f"< {figure(self.factor / bound, '.3g')}"
             if self.inverse

@@ -54,7 +54,7 @@ from jointstiff.solver.estimation.solution import Certificate, greatest_violatio
 from jointstiff.solver.mechanics.block import regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.text import rounded_down, stiffness_text
+from jointstiff.solver.text import round_down, stiffness_text
 
 RADIUS_TOLERANCE = 1e-11
 """Largest relative deviation of an interval end's squared distance from ρ² that is rounding."""
@@ -605,7 +605,7 @@ class Evidence:
         """Return the text of the lower limit of joint j's stiffness; empty if there is no limit."""
         if ends is None or ends[1, 1] <= 0.0:
             return ""
-        stiffness = stiffness_text(rounded_down(1.0 / float(ends[1, 1])), self.observability.kinds[j])
+        stiffness = stiffness_text(round_down(1.0 / float(ends[1, 1])), self.observability.kinds[j])
         return f"stiffer than {stiffness} at {100 * self.confidence:g} %: "
 
     def explain_missing_stiffness(self, j: int) -> str | None:

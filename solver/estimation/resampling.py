@@ -35,7 +35,7 @@ from jointstiff.solver.mechanics.block import regressor_blocks, whitened_rows
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import JOINTS
-from jointstiff.solver.messages import rows
+from jointstiff.solver.messages import build_messages
 
 TILE_RESIDUALS = 2**17
 """Maximum number of residuals per block, 1 MB: they stay in the cache."""
@@ -437,7 +437,7 @@ def summarise_resamples(
     stiffness, k_deviation, _ = _summarise_samples([1.0 / c[c != 0] for c in columns], confidence)
     compensation = resamples.compensation[~np.isnan(resamples.compensation)]
     explained, e_deviation, e_interval = _summarise_samples([compensation], confidence)
-    of_joints = rows(
+    of_joints = build_messages(
         ResampledJoint,
         name=joints,
         kind=["revolute"] * len(joints) if kinds is None else kinds,
@@ -450,7 +450,7 @@ def summarise_resamples(
         share_infinite=(draws == 0).sum(axis=0) / determined,
         share_undetermined=undetermined.mean(axis=0),
     )
-    (result,) = rows(
+    (result,) = build_messages(
         ResamplingResult,
         repetitions=[len(draws)],
         joints=[of_joints],

@@ -77,7 +77,7 @@ from jointstiff.solver.geometry.sweeps import STILL, SweptAxes
 from jointstiff.solver.mechanics.chain import ChainJoint, Convention, KinematicChain
 from jointstiff.solver.mechanics.measurements import whitener
 from jointstiff.solver.mechanics.postures import WRIST_JOINTS, Wrist
-from jointstiff.solver.messages import point, rows, to_rigid
+from jointstiff.solver.messages import build_messages, point, to_rigid
 
 LEAST_SINE = 0.1
 """Sine of the angle between two axes below which the foot of their common perpendicular is unreliable."""
@@ -916,7 +916,9 @@ def build_dh_table(
     places = [Motion(each, flange.translation[None], angles).points for each in (axes, used)]
     table = IdentifiedDh(
         convention=convention,
-        rows=rows(DhRow, a=a, alpha=alpha, d=geometry.d, theta=geometry.theta, lower=lower, upper=upper),
+        rows=build_messages(
+            DhRow, a=a, alpha=alpha, d=geometry.d, theta=geometry.theta, lower=lower, upper=upper
+        ),
         base=to_rigid(geometry.base),
         tool=to_rigid(geometry.tool),
         deviation=float(np.linalg.norm(places[0] - places[1], axis=-1).max()),

@@ -58,7 +58,7 @@ from jointstiff.solver.mechanics.chain import Convention, KinematicChain
 from jointstiff.solver.mechanics.postures import WRIST_JOINTS, skew
 from jointstiff.solver.mechanics.robot import JointMap
 from jointstiff.solver.mechanics.urdf import write_urdf
-from jointstiff.solver.messages import rows, to_rigid
+from jointstiff.solver.messages import build_messages, to_rigid
 from jointstiff.solver.text import length_text
 
 AnomalyCode = Literal["tracker_bumped", "position_suspect", "reading_suspect"]
@@ -613,7 +613,7 @@ def _assemble_result(
         transform_covariance=identified.covariances(base.jacobian, 6)[0],
         wrist=wrist,
         no_wrist=no_wrist,
-        targets=rows(
+        targets=build_messages(
             results.FlangeTarget,
             name=identified.names,
             position=model.targets_in_flange,
@@ -647,7 +647,7 @@ def _place_axes(base: BaseFrame, names: Sequence[str]) -> list[results.Identifie
     is_determined = np.isfinite(covariances).all(axis=(-2, -1))
     greatest = np.full(is_determined.shape, np.nan)  # standard uncertainty in any direction
     greatest[is_determined] = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances[is_determined])[:, -1], 0.0))
-    return rows(
+    return build_messages(
         results.IdentifiedAxis,
         name=names,
         point=[axis.point for axis in in_base],

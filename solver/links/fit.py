@@ -23,7 +23,7 @@ from jointstiff.schemas.model import (
     LinkCertificate,
     PrincipalCompliance,
 )
-from jointstiff.solver.arrays import FloatArray, IndexArray, in_one_sense
+from jointstiff.solver.arrays import FloatArray, IndexArray, fix_axis_signs
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.estimation.cones import find_diagonal_entries, lift_diagonal, to_matrix
 from jointstiff.solver.estimation.conic import (
@@ -99,7 +99,7 @@ class ElasticEstimate:
 def find_principal_compliances(block: FloatArray) -> list[PrincipalCompliance]:
     """Return the principal compliances and directions of a compliance block (3, 3), largest first."""
     values, vectors = np.linalg.eigh(block)
-    pairs = zip(np.maximum(values[::-1], 0.0).tolist(), in_one_sense(vectors.T[::-1]), strict=True)
+    pairs = zip(np.maximum(values[::-1], 0.0).tolist(), fix_axis_signs(vectors.T[::-1]), strict=True)
     return [PrincipalCompliance(value=value, direction=point(direction)) for value, direction in pairs]
 
 

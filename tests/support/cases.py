@@ -29,7 +29,7 @@ from jointstiff.service.kinds.program.work import decompress_file
 from jointstiff.service.runs.trend import Campaign, ReadRun, compare_campaigns
 from jointstiff.service.store.tables import MeasurementSetEntry
 from jointstiff.simulator import default_arm
-from jointstiff.solver.integrity import inspect
+from jointstiff.solver.integrity import inspect_measurements
 
 HERE = Path(__file__).parents[1] / "cases"
 SHARED = HERE.parents[2] / "shared" / "data"
@@ -351,7 +351,7 @@ def mended(document: dict[str, Any], **options: Any) -> dict[str, Any]:
 def findings(document: dict[str, Any]) -> dict[str, Any]:
     """Return what the readings alone let find."""
     robot, measurements = prepare(document)
-    return {"findings": [_finding(each) for each in inspect(robot, measurements, degrees=False)]}
+    return {"findings": [_finding(each) for each in inspect_measurements(robot, measurements, degrees=False)]}
 
 
 def compensate(document: dict[str, Any], program: Mapping[str, str], **options: Any) -> dict[str, Any]:

@@ -30,7 +30,7 @@ from jointstiff.solver.comparison.campaigns import FreeEstimate, Side, compare_s
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.causes import fit_causes
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.predict.answers import forward_model
+from jointstiff.solver.predict.answers import build_forward_model
 from jointstiff.solver.predict.models import JointModel
 
 _NO_FIT: Final = Finding(
@@ -281,7 +281,7 @@ def _rebuild_joint_model(run: Run, robot: Robot) -> JointModel:
         RequestError: links or the base of the model are elastic, too.
     """
     stored = None if run.result is None else run.result.model
-    model = None if stored is None else forward_model(robot, stored)[0]
+    model = None if stored is None else build_forward_model(robot, stored)[0]
     if not isinstance(model, JointModel):
         raise RequestError(
             f"a comparison of two sides needs runs with elastic joints only, but the run '{run.id}' has "

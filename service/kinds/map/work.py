@@ -37,9 +37,9 @@ from jointstiff.solver.predict.answers import (
     STATUSES,
     DeflectionMap,
     MapTask,
-    map_numbers,
+    compute_tool_rotations,
     map_places,
-    tool_rotations,
+    summarise_map,
 )
 
 POSES_A_STEP: Final = 10_000
@@ -97,7 +97,7 @@ class MapWork(Work):
         """
         table, used = DeflectionMap(**concatenate_steps(parts)) if parts else self.table, self._run_model
         tool = self._task.rotation @ _unit_vector(self.request.tool_axis, "tool_axis")
-        numbers = map_numbers(table, self.places, tool)
+        numbers = summarise_map(table, self.places, tool)
         return MapResult(
             assessment=assess_with_run("map", self._reasons(numbers), used.result.assessment),
             joint_kinds=joint_kinds_by_name(self.robot),
@@ -228,7 +228,7 @@ def make_map_task(request: MapOptions, robot: Robot) -> MapTask:
         limits[robot.joint_index(name, f"limits.{name}")] = least, greatest
     if request.near is not None:
         refuse_wrong_joint_count(robot, request.near, "near")
-    rotation = tool_rotations(
+    rotation = compute_tool_rotations(
         _unit_vector(request.tool_axis, "tool_axis"),
         np.array([_unit_vector(each, f"directions[{i}]") for i, each in enumerate(request.directions)]),
         request.turns,

@@ -37,10 +37,10 @@ from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.mechanics.block import targets_in_flange
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.messages import rows
-from jointstiff.solver.own_weight.rows import Burden, planned_rows
+from jointstiff.solver.messages import build_messages
+from jointstiff.solver.own_weight.rows import Burden, make_planned_rows_function
 from jointstiff.solver.own_weight.run import run_by_weight
-from jointstiff.solver.result import stated_assessment
+from jointstiff.solver.result import build_assessment_message
 
 _LARGEST_RELATIVE: Final = 0.5
 """Relative uncertainty of a compliance above which the compliance is not used as a nominal value."""
@@ -134,7 +134,7 @@ def _compute_plan(planned: PlanInput, request: plans.PlanRequest) -> PlanResult:
                 nominal[j] = joint.compliance
         prediction = predict(robot, prepared.measurements, estimate.compliance, balanced=estimate.balanced)
         judgement = assess(joints, estimate, prediction, screening)
-        assessment = stated_assessment(judgement, estimate.joints)
+        assessment = build_assessment_message(judgement, estimate.joints)
         refuse_unaccepted(
             assessment,
             request.accept_verdict,
@@ -276,7 +276,7 @@ def to_design_request(
         so_far=so_far,
         by_weight=None
         if load is None
-        else planned_rows(
+        else make_planned_rows_function(
             robot,
             Burden(robot.bodies, gravity=np.array(load.gravity)),
             targets,
@@ -315,7 +315,7 @@ def to_plan_result(
         goal_share=plan.goal_share,
         assessment=assessment,
         joint_kinds=joint_kinds_by_name(robot),
-        readings=rows(
+        readings=build_messages(
             plans.PlannedReading,
             label=[f"{'v' if held else 'p'}{i:0{digits}d}" for i, held in enumerate(plan.validation, 1)],
             joints=plan.joints,
@@ -327,7 +327,7 @@ def to_plan_result(
         ),
         targets=dict(zip(names, request.equipment.targets.tolist(), strict=True)),
         load_point=request.equipment.load_point,
-        joints=rows(
+        joints=build_messages(
             plans.PlannedJoint,
             name=[robot.joint_names[j] for j in chosen],
             kind=[robot.joint_kinds[j] for j in chosen],

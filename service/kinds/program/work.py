@@ -160,7 +160,7 @@ class WrittenPoints:
         target = self.path.targets[points]
         readings, with_error = self._intervals[:, order]
         names = [targets.names[i] for i in target.tolist()]
-        return messages.rows(
+        return messages.build_messages(
             ProgramPoint,
             number=points + 1,
             name=["".join(each if each.isprintable() else "?" for each in name) for name in names],

@@ -8,7 +8,7 @@ from jointstiff.schemas.run import RunRequest, RunResult
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.kinds.work import Arrays, Span, Work
 from jointstiff.service.resources.inputs import Inputs
-from jointstiff.solver.own_weight.run import with_only_load
+from jointstiff.solver.own_weight.run import choose_own_weight_if_unloaded
 from jointstiff.solver.run import Identification
 
 
@@ -21,7 +21,7 @@ class RunWork(Work):
         Raises:
             RequestError: the readings cannot support the request.
         """
-        request = with_only_load(prepared.robot, prepared.measurements, request)
+        request = choose_own_weight_if_unloaded(prepared.robot, prepared.measurements, request)
         self.robot_id, self.input_hash = prepared.robot_id, prepared.run_hash(request)
         self.details = {"request": request}
         self._run = Identification(prepared.robot, prepared.measurements, request, prepared.warnings)

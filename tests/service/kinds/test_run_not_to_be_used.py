@@ -150,8 +150,8 @@ FEWER = "no bound of the model error at 95 %: 19 postures are needed, and there 
             [[-0.00013743, 0.0, -0.00010939]],
             [
                 [
-                    "extrapolated: the readings determine this posture and place 18.4 times less than the "
-                    "worst measured target"
+                    "extrapolated: the prediction here is 18.4 times as uncertain as at the worst "
+                    "measured target"
                 ]
             ],
         ),

@@ -41,7 +41,7 @@ from jointstiff.solver.links.choice import LIMITS, WEIGHTS, HeldOut, Selection
 from jointstiff.solver.links.competition import Competition, Winner
 from jointstiff.solver.links.fit import EffectiveCompliances
 from jointstiff.solver.links.model import LINKS_ALONE
-from jointstiff.solver.predict.answers import forward_model
+from jointstiff.solver.predict.answers import build_forward_model
 from jointstiff.solver.result import describe_choice_by_comparison
 
 VIEW = View(True, UNITS["MNm/rad"])
@@ -140,7 +140,7 @@ def test_deflections_are_predicted_by_the_stored_model(memory, given, document):
     masses = options | {"masses": [{"joint": "joint_2", "mass": 1.0, "centre": [0.0, 0.0, 0.0]}]}
     with pytest.raises(RequestError, match="own weight"):
         predict_by_run(robot, run, DeflectionOptions.model_validate(masses))
-    assert forward_model(robot, run.result.model)[0].first_order
+    assert build_forward_model(robot, run.result.model)[0].first_order
 
 
 def test_a_program_is_compensated_by_links(memory, set_id, given):

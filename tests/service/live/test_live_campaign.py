@@ -18,8 +18,8 @@ from jointstiff.service.app import create_app
 from jointstiff.service.live.campaign import LiveCampaign
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import LOAD_POINT, robot_document
-from jointstiff.solver.live.ahead import Known
-from jointstiff.solver.live.priors import standings
+from jointstiff.solver.live.ahead import KnownCompliances
+from jointstiff.solver.live.priors import compare_priors
 from jointstiff.solver.live.progress import Progress
 
 
@@ -191,8 +191,8 @@ def test_a_joint_that_deviates_is_found_and_not_pulled_to_its_prior(client):
 def test_a_prior_waits_until_the_own_readings_know_as_much(compliance, uncertainty, standing):
     u = 1e-7 * np.sqrt(4.0 / 3.0) * 4.303 / 1.96  # of the compliance 1e-6, as three other arms tell
     priors = {"joint_1": StiffnessPrior(stiffness=1e6, standard_uncertainty=1e12 * u)}
-    known = Known(np.array([1e-6 * compliance]), np.array([[(1e-6 * uncertainty) ** 2]]), 2.0)
-    assert standings(["joint_1"], known, priors) == {"joint_1": standing}
+    known = KnownCompliances(np.array([1e-6 * compliance]), np.array([[(1e-6 * uncertainty) ** 2]]), 2.0)
+    assert compare_priors(["joint_1"], known, priors) == {"joint_1": standing}
 
 
 @pytest.mark.parametrize(

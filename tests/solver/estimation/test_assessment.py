@@ -17,7 +17,7 @@ from jointstiff.solver.estimation.causes import LINKS_LEVEL, MISTAKE_LEVEL, fit_
 from jointstiff.solver.estimation.estimate import JointCompliance, predict
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.integrity import inspect
+from jointstiff.solver.integrity import inspect_measurements
 from jointstiff.solver.mechanics.measurements import (
     CommonUncertainty,
     DifferenceNoise,
@@ -60,7 +60,7 @@ def assessed(robot, measurements, *, findings=None, prior=None, **options):
     options = {"complementary_stiffness": "included"} | options
     settings = replace(Settings.from_options(RunOptions(**options), robot), prior=prior)
     if findings is None:
-        findings = tuple(inspect(robot, measurements, degrees=False))
+        findings = tuple(inspect_measurements(robot, measurements, degrees=False))
     joints = JointsAlone(robot, measurements, settings, findings)
     found = joints.estimate
     prediction = predict(robot, measurements, found.compliance, balanced=found.balanced)

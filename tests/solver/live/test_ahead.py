@@ -12,7 +12,7 @@ from jointstiff.schemas.plan import DecisionGoal, DeflectionGoal, JointsGoal
 from jointstiff.simulator.campaign import LOAD_POINT, TARGETS
 from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.live.ahead import Ahead, Known
+from jointstiff.solver.live.ahead import CandidateReadings, KnownCompliances
 from jointstiff.solver.live.innovation import Expectation, held_out, innovation
 from jointstiff.solver.mechanics.block import regressor_blocks
 
@@ -30,12 +30,14 @@ def ahead(kind="any_direction", force=None):
         candidates=60,
         work_area=np.array([[0.5, -2.0, 0.0], [3.0, 2.0, 2.5]]),
     )
-    return Ahead.of(ROBOT, request, None if force is None else np.array(force))
+    return CandidateReadings.from_request(ROBOT, request, None if force is None else np.array(force))
 
 
 def known(seed=0, size=0.1):
     root = np.random.default_rng(seed).standard_normal((N, N)) * size / np.sqrt(N)
-    return Known(ARM.compliances, np.outer(ARM.compliances, ARM.compliances) * (root @ root.T), 2.0)
+    return KnownCompliances(
+        ARM.compliances, np.outer(ARM.compliances, ARM.compliances) * (root @ root.T), 2.0
+    )
 
 
 def draws(what, count=4000):
@@ -49,7 +51,9 @@ def test_a_share_of_the_joints_is_that_of_their_intervals():
     np.testing.assert_allclose(found.each, half / 0.2, rtol=0.05)
     assert found.joint == half.argmax()
     assert found.allowed == 0.2
-    nothing = ahead().compare_with_goal(JointsGoal(kind="joints", relative=0.2), Known.nothing(N))
+    nothing = ahead().compare_with_goal(
+        JointsGoal(kind="joints", relative=0.2), KnownCompliances.before_any_reading(N)
+    )
     assert np.isinf(nothing.each).all()
 
 
@@ -140,7 +144,7 @@ def test_probabilities_of_good_readings_are_evenly_spread(sigma):
 @pytest.mark.parametrize("sigma", [SIGMA, None])
 @pytest.mark.parametrize("count", [1, 3, 9])
 def test_limits_and_probabilities_are_each_others_inverse(sigma, count):
-    expected = Expectation.of(SPRINGS, noisy(0, sigma=sigma), ARM.compliances)
+    expected = Expectation.from_readings(SPRINGS, noisy(0, sigma=sigma), ARM.compliances)
     assert np.isinf(expected.freedom) == (sigma is not None)
     for probability in (0.5, 0.9, 0.999):
         limit = expected.squared_distance_quantile(probability, count)
@@ -178,7 +182,7 @@ def test_an_arm_that_was_not_moved_stood_as_for_an_earlier_reading(stood, row):
     joints[row], labels[row] = EXACT.joints[row], "the last one"
     found = judged(replace(wrong, joints=joints, labels=tuple(labels)), ARM.compliances, row)
     assert found.doubtful
-    assert f"the arm stood as for '{wrong.labels[stood]}'" in found.causes
+    assert f"the arm was in the posture of '{wrong.labels[stood]}'" in found.causes
 
 
 def test_balls_hold_nine_of_ten():

@@ -32,7 +32,7 @@ from jointstiff.solver.estimation import identify as iteration
 from jointstiff.solver.estimation.causes import LINKS_LEVEL, screen_estimate
 from jointstiff.solver.estimation.cones import to_vector
 from jointstiff.solver.estimation.estimate import predict
-from jointstiff.solver.integrity import inspect
+from jointstiff.solver.integrity import inspect_measurements
 from jointstiff.solver.links.choice import Folds, list_models_to_compare
 from jointstiff.solver.links.fit import build_effective_rows, compute_effective_compliances, estimate_elastic
 from jointstiff.solver.links.model import MODELS, WITH_BASE, ElasticColumns, ElasticModel, elastic_blocks
@@ -100,7 +100,7 @@ def test_covariance_is_that_of_a_linear_function_of_all_readings(method):
 
 @pytest.mark.parametrize("seed", range(10))
 def test_clean_encoders_raise_no_finding(seed):
-    assert not inspect(*prepared(seed=seed), degrees=False)
+    assert not inspect_measurements(*prepared(seed=seed), degrees=False)
 
 
 def test_predicted_deflections_are_those_of_springs_under_a_small_load():
@@ -373,7 +373,7 @@ def test_the_model_predicts_other_postures_and_places(pedestal, found):
     at = Postures(robot, other.joints)
     place = (other.position[:, 0] - at.flange_translation)[:, None] @ at.flange_rotation
     cases = LoadCases(other.joints, other.force, other.moment, other.load_point, place[:, 0])
-    predicted = ElasticPredictor.of(robot, found).deflect(cases)
+    predicted = ElasticPredictor.from_estimate(robot, found).deflect(cases)
     off = np.linalg.norm(predicted.displacement - other.deflection[:, 0], axis=1)
     assert off.mean() < 0.02 * np.linalg.norm(other.deflection[:, 0], axis=1).mean()
 

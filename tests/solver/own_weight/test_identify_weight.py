@@ -300,7 +300,7 @@ def test_a_centre_of_mass_counts_where_any_of_its_moments_acts():
         ((1, 1, 0, 0), Block(1, ((0, 0.125),)), [0, 1, 2, 3]),
         ((0, 0, 0, 1), Block(0, ((-1, 0.0),)), [1, 2, 3]),
     ):
-        assert burden.block(np.array(acts, dtype=bool)) == (block, which)
+        assert burden.build_block(np.array(acts, dtype=bool)) == (block, which)
 
 
 @pytest.mark.parametrize(

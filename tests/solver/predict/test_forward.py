@@ -27,7 +27,7 @@ from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict import models
-from jointstiff.solver.predict.answers import STATUSES, MapTask, map_places, tool_rotations
+from jointstiff.solver.predict.answers import STATUSES, MapTask, compute_tool_rotations, map_places
 from jointstiff.solver.predict.forward import CorrectionLimits, compensate, ramp_shares
 from jointstiff.solver.predict.models import (
     MOST_STEPS,
@@ -190,7 +190,7 @@ def test_a_load_that_cancels_the_spring_is_refused_by_its_case(across):
     with pytest.raises(RequestError, match="balance") as caught:
         model.deflect(load)
     assert caught.value.where == "cases[1]"
-    assert model.overloaded(load, Postures(robot, load.joints)).tolist() == [False, True]
+    assert model.find_overloads(load, Postures(robot, load.joints)).tolist() == [False, True]
 
 
 class TestIdentified:
@@ -202,7 +202,7 @@ class TestIdentified:
         if measurements is None:
             measurements = self.design.measurements(self.design.unloaded, self.design.loaded, sigma=SIGMA)
         found = estimate(ROBOT, measurements, complementary_stiffness="included", **options)
-        return JointModel.of(
+        return JointModel.from_estimate(
             ROBOT, found, POSITIVE if options.get("positive", True) else Constraints(Bounds.unconstrained(6))
         )
 
@@ -301,7 +301,7 @@ def links():
     columns = ElasticColumns(6, tuple(range(6)))
     folds = Folds(robot, measurements, columns, np.ones(6, dtype=bool), CrossValidation(folds=3))
     model = ElasticModel("joints_and_links", columns)
-    return ElasticPredictor.of(robot, estimate_elastic(folds, model, 1e-4))
+    return ElasticPredictor.from_estimate(robot, estimate_elastic(folds, model, 1e-4))
 
 
 def exact_beams(joints, cases):
@@ -333,7 +333,7 @@ FREE = np.tile([-np.inf, np.inf], (6, 1))
 
 
 def task(*, directions=((0.0, 0.0, -1.0),), turns=1, force=(0.0, 800.0, 300.0), near=None, limits=FREE):
-    rotation = tool_rotations(np.array([0.0, 0.0, 1.0]), np.array(directions, dtype=float), turns)
+    rotation = compute_tool_rotations(np.array([0.0, 0.0, 1.0]), np.array(directions, dtype=float), turns)
     unit = np.array(force) / np.linalg.norm(force)
     ones = np.ones((len(rotation), 1))
     wrench = ones * force, np.zeros((len(rotation), 3)), ones * unit
@@ -413,7 +413,7 @@ def test_near_singularities_a_map_keeps_the_branch_or_refuses_the_place():
 def left_out(robot, measurements, method="partial_pose", **options):
     settings = Settings(method, "covariance", Bounds.positive(robot.n), **options)
     estimate = identify(robot, measurements, settings)
-    model = JointModel.of(robot, estimate, settings.constraints)
+    model = JointModel.from_estimate(robot, estimate, settings.constraints)
     return model, leave_postures_out(robot, measurements, settings, estimate, model)
 
 
