@@ -195,7 +195,10 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
     Only readings of targets are used, not encoders. If the load has no balance or there are no degrees of
     freedom, no test is significant. Causes that were fitted to these measurements before stay in every fit.
     """
-    tested, compliance = measurements.select_evenly(_MOST_TESTED_OBSERVATIONS), np.maximum(estimate.compliance, 0.0)
+    tested, compliance = (
+        measurements.select_evenly(_MOST_TESTED_OBSERVATIONS),
+        np.maximum(estimate.compliance, 0.0),
+    )
     bending_compliance = compliance if estimate.balanced is None else np.maximum(estimate.balanced, 0.0)
     try:
         block = next(regressor_blocks(robot, tested, bending_compliance))
@@ -706,7 +709,9 @@ def _find_best_alternative(
     quantile = float(special.fdtri(robot.n, freedom, 1.0 - FALSE_ALARM / len(alternatives)))
     ratio = min(LARGEST_RATIO, 1.0 / (1.0 + robot.n * quantile / freedom))
     # Some of the observations select the alternatives to examine.
-    preselection = part.select_evenly(math.ceil(_PRESELECTION_COORDINATES * robot.n * len(part) / coordinates))
+    preselection = part.select_evenly(
+        math.ceil(_PRESELECTION_COORDINATES * robot.n * len(part) / coordinates)
+    )
     rows = _build_rows(robot, preselection, alternatives)
     as_given, given_compensation = _fit_nonnegative_compliances(rows[0])
     alternatives = [

@@ -282,7 +282,9 @@ def write_compensated_program(
         by_joints, unit = program.targets.by_joints[block], program.targets.angle_unit[block, None]
         commanded = Postures(robot, robot.joint_map.model_angles(corrections.commanded[rows]))
         values = frames.numbers_of_poses(program, block, commanded.flange_pose)
-        before, after = (inverse.select_arm_joints(each) for each in (cases.joints, corrections.commanded[rows]))
+        before, after = (
+            inverse.select_arm_joints(each) for each in (cases.joints, corrections.commanded[rows])
+        )
         values[by_joints, :6] = (after / unit)[by_joints]
         values[corrections.share[rows] == 0.0] = np.nan  # a target without correction keeps its text
         corrected = np.flatnonzero(~by_joints & (corrections.share[rows] > 0.0))
