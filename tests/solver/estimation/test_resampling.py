@@ -33,7 +33,7 @@ from jointstiff.simulator.campaign import torques
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation import resampling as module
 from jointstiff.solver.estimation import solution
-from jointstiff.solver.estimation.assessment import Assessment, find_implausible_results
+from jointstiff.solver.estimation.assessment import Assessment, report_implausible_results
 from jointstiff.solver.estimation.estimate import predict
 from jointstiff.solver.estimation.fit import sigma_test
 from jointstiff.solver.estimation.identify import identify
@@ -316,7 +316,7 @@ def test_a_combination_that_the_prior_tells_apart():
     assert message.prior_to_data is None
     assert "only its prior separates them" in message.reason
     assert found.identifiability[0].rank == 6  # of the readings, whatever the prior adds
-    assert "prior_dominates" in {finding.code for finding in find_implausible_results(found)}
+    assert "prior_dominates" in {finding.code for finding in report_implausible_results(found)}
 
 
 class TestRefusals:

@@ -27,7 +27,7 @@ from jointstiff.solver.estimation import convex
 from jointstiff.solver.estimation import estimate as estimates
 from jointstiff.solver.estimation import solution as module
 from jointstiff.solver.estimation.estimate import compute_profile_ends
-from jointstiff.solver.estimation.fit import Likelihood, rows_of
+from jointstiff.solver.estimation.fit import Likelihood, invert_to_root
 from jointstiff.solver.estimation.problem import Bounds, Constraints, IdentificationProblem, Inequalities
 from jointstiff.solver.estimation.solution import (
     Certificate,
@@ -485,7 +485,7 @@ class TestClosedForms:
     def test_rows_from_a_covariance_are_those_of_its_inverse(self):
         rng = np.random.default_rng(0)
         R = rng.standard_normal((7, 5)) * 10.0 ** np.arange(-10, 15, 5)
-        rows = rows_of(np.linalg.inv(R.T @ R))
+        rows = invert_to_root(np.linalg.inv(R.T @ R))
         np.testing.assert_allclose(rows.T @ rows, R.T @ R, rtol=1e-9)
 
 
@@ -498,9 +498,9 @@ class TestIndependently:
             half = RADII[0] * np.sqrt(np.diag(np.linalg.inv(R.T @ R)))
             wald = np.maximum(centre[:, None] + half[:, None] * [-1.0, 1.0], 0.0)
             profile = ends_of(found, positive(3), RADII[0])[0]
-            ends = estimates.interval_ends(found, positive(3), np.eye(3), RADII[:1], value, by_profile=True)[
-                0
-            ]
+            ends = estimates.compute_interval_ends(
+                found, positive(3), np.eye(3), RADII[:1], value, by_profile=True
+            )[0]
             parts = np.stack([wald, profile, np.stack([value, value], axis=1)])
             np.testing.assert_allclose(ends[:, 0], parts[..., 0].min(axis=0), atol=1e-12)
             np.testing.assert_allclose(ends[:, 1], parts[..., 1].max(axis=0), atol=1e-12)

@@ -558,7 +558,10 @@ def test_a_model_at_another_penalty_is_compared_anew():
     assert (after.simplest, after.best, after.largest) == ("joints_and_links",) * 3
     by_huber = replace(better, loss="huber", penalty=1e-4, error=6e-5)
     assert (
-        Selection.choose_among([*kept.models, by_huber], screened=True).of("joints_and_links").penalty == 1e-5
+        Selection.choose_among([*kept.models, by_huber], screened=True)
+        .find_held_out("joints_and_links")
+        .penalty
+        == 1e-5
     )
 
 

@@ -13,7 +13,7 @@ from jointstiff.simulator.campaign import LOAD_POINT, TARGETS
 from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.live.ahead import CandidateReadings, KnownCompliances
-from jointstiff.solver.live.innovation import Expectation, held_out, innovation
+from jointstiff.solver.live.innovation import Expectation, check_held_out_reading, compare_last_reading
 from jointstiff.solver.mechanics.block import regressor_blocks
 
 ROBOT, N = robot_of(ARM), 6
@@ -130,13 +130,13 @@ def noisy(seed, *, sigma, measurements=None):
 
 def judged(measurements, compliance, row):
     """Compare one reading with all others, as if it were the last."""
-    return innovation(SPRINGS, measurements[np.r_[np.delete(np.arange(12), row), row]], compliance)
+    return compare_last_reading(SPRINGS, measurements[np.r_[np.delete(np.arange(12), row), row]], compliance)
 
 
 @pytest.mark.parametrize("sigma", [SIGMA, None])
 def test_probabilities_of_good_readings_are_evenly_spread(sigma):
     """By chi-square where the noise is stated, else by the ratio to the noise of the others."""
-    found = [innovation(SPRINGS, noisy(seed, sigma=sigma), ARM.compliances) for seed in range(30)]
+    found = [compare_last_reading(SPRINGS, noisy(seed, sigma=sigma), ARM.compliances) for seed in range(30)]
     assert stats.kstest([each.p_value for each in found], "uniform").pvalue > 0.01
     assert sum(each.doubtful for each in found) <= 1
 
@@ -167,7 +167,7 @@ def test_one_wrong_reading_is_doubtful_and_no_other(sigma, row):
         found = judged(wrong, compliance, row)
         assert found.doubtful
         assert found.causes
-        assert held_out(SPRINGS, wrong, compliance, row).ball_ratio > 1.0
+        assert check_held_out_reading(SPRINGS, wrong, compliance, row).ball_ratio > 1.0
         predicted = np.linalg.norm((1.0 - factor) * linear().deflection[row], axis=1).max()
         assert found.distance == pytest.approx(predicted, rel=0.1)
     for other in range(12):
@@ -186,7 +186,10 @@ def test_an_arm_that_was_not_moved_stood_as_for_an_earlier_reading(stood, row):
 
 
 def test_balls_hold_nine_of_ten():
-    inside = [held_out(SPRINGS, noisy(0, sigma=SIGMA), ARM.compliances, row).inside for row in range(12)]
+    inside = [
+        check_held_out_reading(SPRINGS, noisy(0, sigma=SIGMA), ARM.compliances, row).inside
+        for row in range(12)
+    ]
     assert sum(inside) >= stats.binom.ppf(1e-3, 12, 0.9)
 
 
