@@ -507,7 +507,7 @@ class ColumnReader:
         place, report = self._heading.place(), self._faults.report
         if "name" not in texts and not self._options.by_order:
             remedy = (
-                "add a column with the header `label` or `name`, or use `by_order` to number the rows of "
+                'add a column with the header "label" or "name", or use `by_order` to number the rows of '
                 "each file"
             )
             report(place, "no column names the observations or points", remedy, "by_order")

@@ -595,8 +595,9 @@ def report_refuted_noise(measurements: Measurements, sigma: float | None) -> Ite
             code="residuals_exceed_sigma",
             weight="use_with_care",
             message=f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of a "
-            f"reading, {figure(sigma / refuted, '.3g')} times the {length_text(refuted)} that were stated "
-            "and that they refuted: deflections that the model does not explain are counted as noise",
+            f"reading, {figure(sigma / refuted, '.3g')} times the {length_text(refuted)} that were stated, "
+            "which the residuals contradict: deflections that the model does not explain are counted "
+            "as noise",
             remedy=_CHECK_NOISE,
         )
 

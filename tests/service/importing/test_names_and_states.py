@@ -195,8 +195,8 @@ def test_rows_without_names_are_matched_by_their_order_only_if_it_is_stated():
         "rows were numbered, the first as observation 1, as `by_order` requires"
     ]
     assert refusals(("joints.csv", unnamed), *UNNAMED) == [
-        f"{name}:1: no column names the observations or points; add a column with the header `label` "
-        "or `name`, or use `by_order` to number the rows of each file [by_order]"
+        f"{name}:1: no column names the observations or points; add a column with the header "
+        '"label" or "name", or use `by_order` to number the rows of each file [by_order]'
         for name in ("joints.csv", "P10_u.csv", "P10_l.csv")
     ]
 

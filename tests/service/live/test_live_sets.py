@@ -108,7 +108,9 @@ def test_a_record_with_its_load_point_among_the_options_alone_is_completed(clien
     body = described(robot, OPEN | {"load_point": list(LOAD_POINT)}, units=units)
     with monkeypatch.context() as earlier:
         earlier.setattr(
-            stored_sets, "completed", lambda sent, options: sent.model_copy(update={"open": options})
+            stored_sets,
+            "complete_targets_and_load_point",
+            lambda sent, options: sent.model_copy(update={"open": options}),
         )
         made = post(client, "/v1/measurement-sets", body)["id"]
     with TestClient(create_app(store), base_url="http://127.0.0.1") as other:

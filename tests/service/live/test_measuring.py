@@ -311,9 +311,17 @@ def shown(*stands, where=None):
 @pytest.mark.parametrize(
     ("kept", "refused", "words"),
     [
-        ([THERE + 0.099 * UP], [THERE + 0.101 * UP], "P10 is 0.101 m from where the robot holds it"),
+        (
+            [THERE + 0.099 * UP],
+            [THERE + 0.101 * UP],
+            "P10 is 0.101 m from the position where the robot",
+        ),
         ([THERE + 0.009 * LONGER], [THERE + 0.011 * LONGER], "P11 is .* mm from P10"),
-        ([THERE, THERE - 0.049 * UP], [THERE, THERE - 0.051 * UP], "P10 is 51 mm from where it was without"),
+        (
+            [THERE, THERE - 0.049 * UP],
+            [THERE, THERE - 0.051 * UP],
+            "P10 is 51 mm from its position without",
+        ),
         (
             [THERE, THERE + 1e-9],
             [THERE, THERE],
@@ -346,7 +354,7 @@ def test_readings_in_another_frame_are_looked_for_there():
     read = (THERE - station) @ turn  # the inverse of a rotation is its transpose
     assert len(shown(read, where=where)[0]) == len(TARGETS)
     np.testing.assert_allclose([where.from_base(place) for place in THERE], read, atol=1e-12)
-    with pytest.raises(SourceError, match=r"0\.101 m from where"):
+    with pytest.raises(SourceError, match=r"0\.101 m from the position"):
         shown(read + 0.101 * UP, where=where)
 
 

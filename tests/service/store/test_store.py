@@ -286,7 +286,7 @@ def test_the_audit_is_listed_newest_first(store):
 
 
 def test_no_method_changes_or_removes_an_entry(store):
-    assert {name for name in dir(store.audit) if not name.startswith("_")} == {"add", "of", "page"}
+    assert {name for name in dir(store.audit) if not name.startswith("_")} == {"add", "find", "page"}
 
 
 def test_a_size_is_asked_again_after_a_second(monkeypatch):

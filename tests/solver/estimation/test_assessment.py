@@ -276,7 +276,7 @@ class TestLoad:
             (cause,) = screening.causes
             assert cause.suspect.name == "load_point"
             assert cause.p_value < MISTAKE_LEVEL
-            assert screening.proved
+            assert screening.makes_links_unnecessary
             # Pulls tell the point to a centimetre, a dead weight hardly across itself.
             assert np.linalg.norm(cause.unknowns + moved) < (0.02 if load == "pull" else 0.5 * offset)
             beside = fit_causes(robot, wrong, named(screening))
@@ -371,7 +371,7 @@ def test_a_load_point_elsewhere_is_told_beside_links_unless_these_explain_more(o
     wrong = replace(measurements, load_point=np.add(measurements.load_point, [offset, 0.0, 0.0]))
     screening = screened(robot, wrong)
     assert [cause.suspect.name for cause in screening.causes] == told
-    assert not screening.proved
+    assert not screening.makes_links_unnecessary
 
 
 @pytest.mark.parametrize(("softness", "configurations"), [(2.0, 20), (0.1, 40)])
@@ -381,7 +381,7 @@ def test_beams_speak(configurations, softness):
         screening = screened(robot, measurements)
         assert screening.links_need_validation
         assert screening.lack_of_fit
-        assert not screening.proved
+        assert not screening.makes_links_unnecessary
 
 
 def test_numbers_are_said_in_units_of_their_size():

@@ -200,7 +200,7 @@ def test_targets_on_a_line_define_no_frame():
         "targets that form a triangle"
     )
     base = BaseTargets(line, line, np.eye(3), ("1", "2", "3", "4"))
-    assert refused(base.drift, SIGMA, np.ones(3)) == (
+    assert refused(base.fit_drift, SIGMA, np.ones(3)) == (
         "base_targets_after | the base targets lie on a line, so a rotation about that line cannot "
         "be determined | place the targets so that they form a triangle"
     )

@@ -238,8 +238,10 @@ def test_selection_names_joints_where_links_are_rigid_and_links_where_they_bend(
     assert selected(*rigid_pulled(15, 0), weights, folds=3).simplest == "joints"
     bending = selected(*elastic, weights, folds=2)
     assert bending.simplest != "joints"
-    assert bending.of("joints_and_links").compensation > bending.of("joints").compensation
-    assert bending.of("joints").penalty is None
+    assert (
+        bending.find_held_out("joints_and_links").compensation > bending.find_held_out("joints").compensation
+    )
+    assert bending.find_held_out("joints").penalty is None
 
 
 def test_effective_compliance_about_each_axis_is_found_where_the_joint_alone_is_not():
