@@ -16,14 +16,14 @@ from jointstiff.schemas.fields import (
     Name,
     Stiffness,
     Terminal,
-    draws_of,
+    parse_draws,
 )
 from jointstiff.schemas.finding import Assessment, Finding, Problem, ResultSummary
 from jointstiff.schemas.job import Job, Result
 from jointstiff.schemas.joints import StatedKind
 from jointstiff.schemas.options import Method, MethodOptions, Resampling, RunOptions, Weighting
 from jointstiff.schemas.robot import Estimate
-from jointstiff.schemas.run import Certificate, JointResult, ResamplingResult, found_in
+from jointstiff.schemas.run import Certificate, JointResult, ResamplingResult, count_identified_joints
 
 MAX_METHODS = 8
 MAX_COMPARED = 48
@@ -65,9 +65,9 @@ class ComparisonRequest(ComparisonOptions):
     """A comparison as it is posted: runs of one or two measurement sets, which are its sides."""
 
     run_ids: Annotated[list[Identifier], Field(min_length=2, max_length=MAX_COMPARED)] = Field(
-        description="Runs to compare. The first run of each of two sets is that by which the sets are "
-        "compared; where a constraint holds a joint of it, list the same run with `positive` false, too: "
-        "ratios are those of estimates without constraints."
+        description="Runs to compare. Two sets are compared by the first run of each; if a constraint holds "
+        "one of its joints, list the same run with `positive` false, too: ratios are those of estimates "
+        "without constraints."
     )
 
     @field_validator("run_ids", mode="after")
@@ -89,7 +89,7 @@ class CampaignComparison(ComparisonOptions):
         description="Constraints to combine with each method: compliances free, or zero or positive.",
     )
     resampling: Annotated[
-        Resampling | None, Terminal("--resample", "SIZE[:REPETITIONS[:SEED]]", draws_of)
+        Resampling | None, Terminal("--resample", "SIZE[:REPETITIONS[:SEED]]", parse_draws)
     ] = Field(
         default=None,
         description="Resampling: repeat each fit on configurations drawn at random, the same draws for all. "
@@ -278,7 +278,7 @@ class ComparisonResult(Result):
 
     @property
     def summary(self) -> ResultSummary:
-        """Excerpt for listings: of two compared sets the poorer fit, of the methods for one set the best."""
+        """Excerpt for listings: figures of the poorer of two compared sets, or of the best method."""
         runs_of_sides = {side.run_id for side in self.sides}
         has_two_sides = bool(self.joints)
         fits = [
@@ -287,7 +287,7 @@ class ComparisonResult(Result):
             if entry.joints and (not has_two_sides or entry.run_id in runs_of_sides)
         ]
         shares = [fit.compensation for fit in fits if fit.compensation is not None]
-        counts = [found_in(fit.joints) for fit in fits]
+        counts = [count_identified_joints(fit.joints) for fit in fits]
         poorer_or_best = min if has_two_sides else max
         return ResultSummary(
             verdict=self.assessment.verdict,

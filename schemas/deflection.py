@@ -205,10 +205,10 @@ class CaseResult(Message):
     )
     rotation: Radians[Point | None] = Field(description="Rotation vector of the flange, axes of R0.")
     readings_only: Metres[Interval3 | None] = Field(
-        description="Interval of each component of the displacement by the errors of the readings and the "
+        description="Interval of each component of the displacement due to errors of the readings and the "
         "stated errors of the force; null if the uncertainty is unknown."
     )
-    rotation_interval: Radians[Interval3 | None] = Field(description="The same of the rotation.")
+    rotation_interval: Radians[Interval3 | None] = Field(description="Interval of the rotation.")
     with_model_error: ModelErrorInterval | None = Field(
         description="Intervals with model error; null without a bound, see `remarks`."
     )

@@ -42,11 +42,12 @@ def require_exactly_one(first: str, second: str) -> Any:  # noqa: ANN401 - what 
 
 
 def content_key(text: str) -> str:
-    """Return an idempotency key made of a JSON text's SHA-256: a service stores equal texts only once."""
+    """Return an idempotency key made of a JSON text's SHA-256, so that equal texts are stored only once."""
     return f"content {sha256(text.encode()).hexdigest()}"
 
 
 def _refuse_unprintable(text: str) -> str:
+    """Return a text unchanged; refuse unprintable characters and blanks at its ends."""
     if not text.isprintable() or text != text.strip():
         raise ValueError("must be printable text without leading or trailing blanks")
     return text
@@ -141,8 +142,8 @@ class Page(Message, Generic[Item]):
     )
 
 
-def validated(kind: type[Item], documents: Sequence[dict[str, Any]]) -> list[Item]:
-    """Validate many documents in one call; return the messages. A call for each is five times slower."""
+def validate_list(kind: type[Item], documents: Sequence[dict[str, Any]]) -> list[Item]:
+    """Validate many documents in one call, five times faster than one by one; return the messages."""
     return _list_adapter(kind).validate_python(documents, from_attributes=True)
 
 
@@ -155,17 +156,17 @@ def _list_adapter(kind: type[Item]) -> TypeAdapter[list[Item]]:
 class Terminal:
     """Form of a field on the command line, if its name and type do not determine it."""
 
-    option: str = ""  # name, such as `--prior`; the field's if empty
-    metavar: str = ""
-    parse: Callable[[str], Any] | None = None  # from text to JSON; raises a ValueError
-    gather: Literal["one", "list", "dict"] = "one"  # whether it is repeated, and what becomes of the values
-    unit: str = ""  # unit of its numbers as the command line states them to the API: m, deg, N
+    option: str = ""  # name, such as `--prior`; if empty, made from the name of the field
+    metavar: str = ""  # form of the value in the help
+    parse: Callable[[str], Any] | None = None  # converts text to JSON; raises a ValueError
+    gather: Literal["one", "list", "dict"] = "one"  # collection of the values of a repeated option
+    unit: str = ""  # unit of the option's numbers: m, deg or N
     hidden: bool = False  # whether the field has no option: it comes from a file of options
-    flag: str = ""  # value that the option means, if it takes none
-    text: str = ""  # help, if the description of the field does not hold on the command line
+    flag: str = ""  # value of the field if the option is stated; then the option takes no value
+    text: str = ""  # help text, if the description of the field is not right for the command line
 
 
-def prior_of(text: str) -> tuple[str, dict[str, float]]:
+def parse_prior(text: str) -> tuple[str, dict[str, float]]:
     """Parse `JOINT=STIFFNESS:UNCERTAINTY`; return the joint's name and the fields of its prior."""
     name, _, numbers = text.rpartition("=")
     stiffness, _, uncertainty = numbers.partition(":")
@@ -177,18 +178,18 @@ def prior_of(text: str) -> tuple[str, dict[str, float]]:
         ) from None
 
 
-def cause_of(text: str) -> dict[str, str | None]:
+def parse_cause(text: str) -> dict[str, str | None]:
     """Parse `NAME[:FIRST]`: a cause, and the label of the first observation that the cause concerns."""
     name, _, first = text.partition(":")
     return {"name": name, "first": first or None}
 
 
-def chain_of(text: str) -> list[str]:
+def parse_chain(text: str) -> list[str]:
     """Parse `JOINT,JOINT,...`; return the joints' names without blanks."""
     return [name.strip() for name in text.split(",")]
 
 
-def draws_of(text: str) -> dict[str, int]:
+def parse_draws(text: str) -> dict[str, int]:
     """Parse `SIZE[:REPETITIONS[:SEED]]`; return the stated fields of a resampling."""
     parts, names = text.split(":"), ("size", "repetitions", "seed")
     if len(parts) > len(names) or not all(part.isdecimal() for part in parts):
@@ -196,7 +197,7 @@ def draws_of(text: str) -> dict[str, int]:
     return dict(zip(names, map(int, parts), strict=False))
 
 
-def planned_load_of(text: str) -> dict[str, Any]:
+def parse_planned_load(text: str) -> dict[str, Any]:
     """Parse `KIND:NEWTONS`, `dead_weight:150kg` or `own_weight`; return the fields of a planned load."""
     kind, _, force = text.partition(":")
     if text == "own_weight":
@@ -212,36 +213,36 @@ def planned_load_of(text: str) -> dict[str, Any]:
         ) from None
 
 
-def target_of(text: str) -> tuple[str, list[float]]:
+def parse_target(text: str) -> tuple[str, list[float]]:
     """Parse `NAME=X,Y,Z` in mm; return the target's name and its place on the flange [m]."""
     name, _, numbers = text.rpartition("=")
-    place = numbers_of(numbers)
+    place = parse_numbers(numbers)
     if not name or len(place) != 3:
         raise ValueError(f"'{text}' must be like P10=147,55,50: name and place on the flange in mm")
     return name.strip(), [1e-3 * part for part in place]
 
 
-def box_of(text: str) -> list[list[float]]:
+def parse_box(text: str) -> list[list[float]]:
     """Parse `X,Y,Z,X,Y,Z` in mm; return the least and the greatest corner of the box [m]."""
-    numbers = [1e-3 * part for part in numbers_of(text)]
+    numbers = [1e-3 * part for part in parse_numbers(text)]
     if len(numbers) != 6:
         raise ValueError(f"'{text}' must be two corners in mm, such as 800,-600,400,1900,600,1600")
     pairs = [sorted(pair) for pair in zip(numbers[:3], numbers[3:], strict=True)]
     return [[least for least, _ in pairs], [greatest for _, greatest in pairs]]
 
 
-def force_of(text: str) -> dict[str, list[float]]:
+def parse_force(text: str) -> dict[str, list[float]]:
     """Parse `X,Y,Z` in N; return the fields of a load without moment."""
-    return {"force": numbers_of(text)}
+    return {"force": parse_numbers(text)}
 
 
-def frame_of(text: str) -> dict[str, Any]:
+def parse_frame(text: str) -> dict[str, Any]:
     """Parse `[NAME=]NUMBERS`; return the fields of a frame, whose name may be None."""
     name, _, numbers = text.rpartition("=")
-    return {"name": name or None, "values": numbers_of(numbers)}
+    return {"name": name or None, "values": parse_numbers(numbers)}
 
 
-def numbers_of(text: str) -> list[float]:
+def parse_numbers(text: str) -> list[float]:
     """Parse numbers that are separated by commas or blanks."""
     try:
         return [float(number) for number in text.replace(",", " ").split()]

@@ -121,7 +121,7 @@ class Action(Message):
         robot: str | None = None,
         robot_id: str | None = None,
     ) -> Action:
-        """Return an action of a kind; fields that the kind does not need stay empty."""
+        """Build an action of a kind; the fields that are not stated remain empty."""
         return cls(
             kind=kind,
             observations=list(observations),
@@ -226,7 +226,7 @@ FindingCode = Literal[
 ROOT_MISTAKES: Final[frozenset[FindingCode]] = frozenset(
     {"length_unit_suspect", "angle_unit_suspect", "force_unit_suspect", "another_robot_fits"}
 )
-"""Findings that cause others: an assessment of readings with one of them tells no other reason."""
+"""Codes of findings that cause other findings: an assessment with one of them lists no other reason."""
 
 
 class Finding(Message):
@@ -235,7 +235,7 @@ class Finding(Message):
     code: FindingCode = Field(description="Kind of the finding.")
     weight: Verdict = Field(
         description="Best verdict that it allows: `do_not_use`, almost certainly a mistake, to be corrected "
-        "first; `use_with_care`, to be checked; `use`, for information. A run sums up the "
+        "first; `use_with_care`, to be checked; `use`, a mere remark. A run sums up the "
         "findings of its set by kind, and may explain them."
     )
     where: str | None = Field(
@@ -268,7 +268,7 @@ class Assessment(Message):
     joint_count: int | None = Field(default=None, description="Number of joints; null for geometries.")
     headline: str | None = Field(
         default=None,
-        description="Verdict in one line, which says of what, for what is made of a run: prediction, map, "
+        description="Verdict in one line with its subject, for results made from a run: prediction, map, "
         "program, plan, comparison. Null for runs and geometries.",
     )
     notes: list[str] = Field(
@@ -311,11 +311,11 @@ class ResultSummary(Message):
     )
 
 
-def combined(assessments: Sequence[Assessment]) -> Assessment:
+def combine_assessments(assessments: Sequence[Assessment]) -> Assessment:
     """Merge assessments: return the worst verdict with all reasons, most severe first.
 
-    Of several reasons with equal code and place the first is kept. The counts of joints are those of the
-    assessment with the fewest identified joints. Notes are left out: they concern a single run.
+    Of reasons with equal code and place only the first is kept. The numbers of joints are taken from the
+    assessment with the fewest identified joints. Notes are left out, because they concern a single run.
     """
     reasons: dict[tuple[str, str | None], Finding] = {}
     for reason in (reason for assessment in assessments for reason in assessment.reasons):

@@ -392,7 +392,7 @@ class GeometryRequest(Message):
         if len(swept) > MAX_GEOMETRY_POSITIONS:
             raise ValueError(
                 f"give at most {MAX_GEOMETRY_POSITIONS} positions in all sweeps together, not {len(swept)}: "
-                "leave out every other one, 15 to 20 spread over each joint's arc are enough"
+                "leave out every second position, as 15 to 20 positions over each joint's arc are enough"
             )
         readings = sum(len(position.targets) for position in (*swept, *(self.poses or ())))
         if readings > MAX_GEOMETRY_READINGS:

@@ -80,13 +80,13 @@ class LiveJoint(Message):
         "more readings do not lessen. It is compared with the goal."
     )
     relative_with_assumed: Dimensionless[float | None] = Field(
-        default=None, description="The same with the load point and the force as they are assumed."
+        default=None, description="`relative` with the assumed errors of load point and force."
     )
     reason: str | None = Field(default=None, description="Reason for which the joint will have no number.")
     prior: Literal["waits", "counts", "deviates"] | None = Field(
         default=None,
-        description="Joint's prior: it `waits` until the own readings know the joint as well, `counts`, or "
-        "`deviates` from them and does not count. Null without one.",
+        description="Prior of the joint: `waits` until readings determine the joint as well, `counts`, or is "
+        "ignored, as it `deviates` from them. Null: no prior.",
     )
 
 
@@ -98,7 +98,7 @@ class LiveState(Message):
         description="`reached`: the goal is met, and a held-out reading lay in its ball; `cannot`: it will "
         "not be met, and why; `closed`: it is an ordinary measurement set."
     )
-    message: str = Field(description="Standing in words.")
+    message: str = Field(description="State in words.")
     goal: str = Field(description="Declared goal in words.")
     share: Dimensionless[float | None] = Field(
         description="Uncertainty over that of the goal, which is met at 1 and below; null before it is known."
@@ -114,7 +114,7 @@ class LiveState(Message):
     greatest_deflection: Metres[float | None] = Field(
         default=None, description="Length of the greatest deflection in the work area."
     )
-    assessment: Assessment | None = Field(description="Verdict so far; null before there is one.")
+    assessment: Assessment | None = Field(description="Verdict so far; null without a verdict.")
     next: PlannedReading | None = Field(description="Next reading; null if nothing is left to read.")
     warnings: list[Finding] = Field(default_factory=list, description="Findings in the readings.")
     measurement_set_id: Identifier | None = Field(default=None, description="The set, once it is closed.")

@@ -206,7 +206,7 @@ def refuse_two_kinds(sigma: Quantity | None, unloaded: Matrix3 | None, loaded: M
     """Refuse a reading with both sigma and covariances, or with the covariance of only one state.
 
     Raises:
-        ValueError: naming the fields to give.
+        ValueError: the reading is refused; the message names the fields to give.
     """
     if (unloaded is None) != (loaded is None):
         raise ValueError("give both `unloaded_covariance` and `loaded_covariance`, or neither")
@@ -278,7 +278,7 @@ _FIRST_YEAR, _LAST_YEAR = 1980, 2200
 
 
 def _refuse_number(value: object) -> object:
-    """Return a time as given; refuse a number, which may be seconds, milliseconds or a date without signs."""
+    """Return a time unchanged; refuse a number, as it may mean seconds, milliseconds or a date."""
     if isinstance(value, int | float) or (isinstance(value, str) and value.strip().lstrip("+-").isdecimal()):
         raise ValueError("must be a date and a time with its zone, such as 2026-11-20T14:30:00+01:00")
     return value
@@ -460,7 +460,7 @@ class Reading(Message):
         if is_short or len(directions) != (self.displacement is not None):
             raise ValueError(
                 "give exactly one of `direction` and `flange_direction` with a `displacement`, at least "
-                f"{LEAST_DIRECTION:g} long, and neither without one"
+                f"{LEAST_DIRECTION:g} long, and neither of them with another reading"
             )
         if self.displacement is not None and self.unloaded_covariance is not None:
             raise ValueError("give `sigma` with a `displacement`: it has no covariance")

@@ -98,7 +98,7 @@ class IdentifiedModel(Message):
 
     joints: list[Name] = Field(description="All joints, in the order of the robot.")
     compliance: Compliance[list[float]] = Field(
-        description="Compliance of each joint, as predictions use it; zero if nothing tells it. Those of "
+        description="Compliance of each joint, as predictions use it; zero if unknown. Those of "
         "joints not in `seen` serve the sag by own weight only."
     )
     seen: list[Name] = Field(description="Joints to which the following rows and columns belong.")

@@ -14,10 +14,10 @@ from jointstiff.schemas.fields import (
     Stiffness,
     Terminal,
     Vector3,
-    cause_of,
-    chain_of,
-    draws_of,
-    prior_of,
+    parse_cause,
+    parse_chain,
+    parse_draws,
+    parse_prior,
 )
 from jointstiff.schemas.finding import NamedCause
 from jointstiff.schemas.robot import MAX_JOINTS
@@ -137,7 +137,7 @@ METHODS_IN_SHORT = {"CP": "complete_pose", "PP": "partial_pose", "DPP": "decoupl
 
 
 def _expand_method_name(name: object) -> object:
-    """Return the full name of a method for a short one, in either case; anything else as it is."""
+    """Return the full name of a method for its abbreviation, upper or lower case; return others unchanged."""
     return METHODS_IN_SHORT.get(name.upper(), name) if isinstance(name, str) else name
 
 
@@ -211,7 +211,7 @@ Causes = Annotated[
     list[NamedCause],
     Field(max_length=MAX_CAUSES),
     AfterValidator(_refuse_repeated_causes),
-    Terminal("--cause", "NAME[:FIRST]", cause_of, "list"),
+    Terminal("--cause", "NAME[:FIRST]", parse_cause, "list"),
 ]
 """Causes that are fitted with the joints."""
 
@@ -257,7 +257,7 @@ class RunOptions(MethodOptions):
     priors: Annotated[
         dict[Name, StiffnessPrior],
         Field(max_length=MAX_JOINTS),
-        Terminal("--prior", "JOINT=STIFFNESS:UNCERTAINTY", prior_of, "dict"),
+        Terminal("--prior", "JOINT=STIFFNESS:UNCERTAINTY", parse_prior, "dict"),
     ] = Field(
         default_factory=dict,
         description="Priors by joint name: stiffness and standard uncertainty known beforehand, for example "
@@ -267,7 +267,7 @@ class RunOptions(MethodOptions):
     stiffness_order: Annotated[
         list[Annotated[list[Name], Field(min_length=2, max_length=MAX_JOINTS)]],
         Field(max_length=MAX_JOINTS),
-        Terminal("", "JOINT,JOINT,...", chain_of, "list"),
+        Terminal("", "JOINT,JOINT,...", parse_chain, "list"),
     ] = Field(
         default_factory=list,
         description="Order constraints: chains of joints, each at least as stiff as the next; all "
@@ -299,7 +299,7 @@ class RunOptions(MethodOptions):
         default=CrossValidation(), description="Cross-validation, for all elasticities but `joints`."
     )
     resampling: Annotated[
-        Resampling | None, Terminal("--resample", "SIZE[:REPETITIONS[:SEED]]", draws_of)
+        Resampling | None, Terminal("--resample", "SIZE[:REPETITIONS[:SEED]]", parse_draws)
     ] = Field(
         default=None,
         description="Resampling: repeat the fit on configurations drawn at random; the run may "
@@ -332,8 +332,7 @@ class RunOptions(MethodOptions):
         loss = info.data.get("loss")
         if loss == "absolute" and elasticity in {"joints", "automatic"}:
             raise ValueError(
-                "must be named, and other than `joints`, for loss `absolute`; use loss `huber` for joints "
-                "alone"
+                "must be stated, and not be `joints`, with loss `absolute`; for joints alone use loss `huber`"
             )
         return elasticity
 
@@ -362,11 +361,13 @@ class RunOptions(MethodOptions):
         incompatible |= {"stiffness_bounds", "stiffness_order", "causes"}
         for name in sorted(incompatible & info.data.keys()):
             if info.data[name] != cls.model_fields[name].get_default(call_default_factory=True):
-                raise ValueError(f"does not go with `{name}`: leave one of the two out")
+                raise ValueError(f"cannot be combined with `{name}`: leave one of the two out")
         compatible = {"loss": {"automatic", "squared"}, "elasticity": {"automatic", "joints"}}
         for name, accepted in compatible.items():
             if name in info.data and info.data[name] not in accepted:
-                raise ValueError(f"does not go with {name} `{info.data[name]}`: leave one of the two out")
+                raise ValueError(
+                    f"cannot be combined with {name} `{info.data[name]}`: leave one of the two out"
+                )
         return weight
 
     @field_validator("stiffness_bounds", mode="after")

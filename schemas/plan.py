@@ -23,12 +23,12 @@ from jointstiff.schemas.fields import (
     Stiffness,
     Terminal,
     Vector3,
-    box_of,
-    numbers_of,
-    planned_load_of,
-    prior_of,
+    parse_box,
+    parse_numbers,
+    parse_planned_load,
+    parse_prior,
+    parse_target,
     require_exactly_one,
-    target_of,
 )
 from jointstiff.schemas.finding import AcceptingOptions, Assessment
 from jointstiff.schemas.job import Job, Result
@@ -94,13 +94,13 @@ def parse_goal(text: str) -> dict[str, Any]:
     """Parse a goal: `15 %` (every joint), `6 um` (the deflection in a box), or `below 0.5 mm`.
 
     Raises:
-        ValueError: the text is no goal.
+        ValueError: the text is not a goal.
     """
     match = _WORDS.fullmatch(text.strip())
     relative = match is not None and match["unit"] == "%"
     if match is None or float(match["number"]) <= 0.0 or (relative and match["below"]):
         raise ValueError(
-            f'\'{text}\' is no goal: write "15 %" for every joint, "6 um" for the deflection in the work '
+            f'\'{text}\' is not a goal: write "15 %" for every joint, "6 um" for the deflection in the work '
             'area, or "below 0.5 mm" for a decision about it'
         )
     number = float(match["number"])
@@ -191,23 +191,23 @@ _AREA = "Work area: two corners of a box, in R0, in mm, in which deflections wil
 class ReadingOptions(Message):
     """Equipment, surroundings and candidates, from which readings are chosen."""
 
-    work_area: Annotated[Metres[Box | None], Terminal("--area", "X,Y,Z,X,Y,Z[mm]", box_of, text=_AREA)] = (
+    work_area: Annotated[Metres[Box | None], Terminal("--area", "X,Y,Z,X,Y,Z[mm]", parse_box, text=_AREA)] = (
         Field(default=None, description="Work area: box, in R0, in which deflections will be predicted.")
     )
-    load: Annotated[PlannedLoad | None, Terminal("", "KIND:NEWTONS", planned_load_of)] = Field(
+    load: Annotated[PlannedLoad | None, Terminal("", "KIND:NEWTONS", parse_planned_load)] = Field(
         default=None,
         description="Load to apply; default with a campaign: its strongest force, or the own weight if it "
         "has none.",
     )
     targets: Annotated[
         Metres[Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)]],
-        Terminal("--target", "NAME=X,Y,Z[mm]", target_of, "dict"),
+        Terminal("--target", "NAME=X,Y,Z[mm]", parse_target, "dict"),
     ] = Field(
         default_factory=dict, description="Targets in the flange frame; default: those of the campaign."
     )
     directions: Annotated[
         Dimensionless[Annotated[list[Vector3], Field(max_length=8)]],
-        Terminal("--direction", "X,Y,Z", numbers_of, "list"),
+        Terminal("--direction", "X,Y,Z", parse_numbers, "list"),
     ] = Field(
         default_factory=list,
         description="Directions in R0 that a dial gauge or 1-D laser can take: each reading is along one of "
@@ -237,7 +237,7 @@ class ReadingOptions(Message):
     priors: Annotated[
         dict[Name, StiffnessPrior],
         Field(max_length=MAX_JOINTS),
-        Terminal("--prior", "JOINT=STIFFNESS:UNCERTAINTY", prior_of, "dict"),
+        Terminal("--prior", "JOINT=STIFFNESS:UNCERTAINTY", parse_prior, "dict"),
     ] = Field(default_factory=dict, description="Prior knowledge of joints; it counts like readings.")
     joints: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list, description="Joints to determine; default: all that the loads twist."
@@ -359,10 +359,10 @@ class PlannedJoint(Message):
         description="Standard uncertainty now; null if the joint is not determined."
     )
     random: Compliance[float | None] = Field(
-        description="Standard uncertainty by random plans of as many readings."
+        description="Standard uncertainty after random plans of equal length."
     )
     one_at_a_time: Compliance[float | None] = Field(
-        description="Standard uncertainty by taking the best next reading each time."
+        description="Standard uncertainty if each reading is the best next one."
     )
 
 
@@ -384,7 +384,7 @@ class PlanResult(Result):
         description="Joints that the plan does not determine: no load twists them, and none were named."
     )
     criterion: PlanCriterion
-    elastic_links: StrictBool = Field(description="True if elastic links were a nuisance.")
+    elastic_links: StrictBool = Field(description="True if elastic links were unknowns, too.")
     efficiency: Dimensionless[float] = Field(
         description="Certified: the list has at least this share of the information of the best list of the "
         "same length from these candidates, over all directions of force if these are free."

@@ -18,9 +18,9 @@ from jointstiff.schemas.fields import (
     Radians,
     Terminal,
     Vector3,
-    force_of,
-    frame_of,
-    numbers_of,
+    parse_force,
+    parse_frame,
+    parse_numbers,
 )
 from jointstiff.schemas.finding import AcceptingOptions
 from jointstiff.schemas.job import FromRun, Job
@@ -92,7 +92,7 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
         "in the campaign, or `compensates_load`, which is refused because the load would be compensated "
         "twice."
     )
-    load: Annotated[ProcessLoad | None, Terminal("--force", "X,Y,Z[N]", force_of, unit="N")] = Field(
+    load: Annotated[ProcessLoad | None, Terminal("--force", "X,Y,Z[N]", parse_force, unit="N")] = Field(
         default=None, description="One load, of all moves unless it states lines; other moves have no load."
     )
     segments: Annotated[list[ProcessLoad], Field(max_length=MAX_SEGMENTS)] = Field(
@@ -116,12 +116,12 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     tools: Annotated[
         list[ProgramFrame],
         Field(max_length=MAX_FRAMES),
-        Terminal("--tool", "[NAME=]NUMBERS", frame_of, "list"),
+        Terminal("--tool", "[NAME=]NUMBERS", parse_frame, "list"),
     ] = Field(default_factory=list, description="Tool frames that the program names without values.")
     bases: Annotated[
         list[ProgramFrame],
         Field(max_length=MAX_FRAMES),
-        Terminal("--base", "[NAME=]NUMBERS", frame_of, "list"),
+        Terminal("--base", "[NAME=]NUMBERS", parse_frame, "list"),
     ] = Field(
         default_factory=list,
         description="Base frames in the controller's world that the program names without values.",
@@ -141,7 +141,7 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     )
     start: Annotated[
         Annotated[list[Quantity], Field(max_length=MAX_JOINTS)] | None,
-        Terminal("", "NUMBERS[deg]", numbers_of, unit="deg"),
+        Terminal("", "NUMBERS[deg]", parse_numbers, unit="deg"),
     ] = Field(
         default=None,
         description="Joints near the first cartesian target, as the controller shows them: angles in "

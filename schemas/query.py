@@ -49,11 +49,11 @@ class ListQuery(PageQuery):
     )
 
     def listing(self) -> dict[str, Any]:
-        """Return the arguments of a listing: page, order, search, and `filters` by exact values."""
-        chosen = self.model_dump(exclude_none=True)
-        whole = {name: chosen.pop(name) for name in ListQuery.model_fields if name in chosen}
-        filters = {name: str(value) for name, value in chosen.items()}
-        return whole | {"filters": filters, "counted": True}
+        """Return the arguments of a listing: page, order, search, and `filters` (field → exact value)."""
+        stated = self.model_dump(exclude_none=True)
+        common = {name: stated.pop(name) for name in ListQuery.model_fields if name in stated}
+        filters = {name: str(value) for name, value in stated.items()}
+        return common | {"filters": filters, "counted": True}
 
 
 class JobQuery(ListQuery):
@@ -84,7 +84,7 @@ class WaitQuery(Message):
 
 
 class FileQuery(AcceptingOptions):
-    """Options of the files of jobs; a file takes those that it is about."""
+    """Options of the files of jobs; a file uses only those that concern it."""
 
     unit: Literal["MNm/rad", "kNm/deg", "Nm/arcmin", "Nm/rad", "urad/Nm"] = Field(
         default="MNm/rad", description="Unit of stiffness in `tables.json`."
@@ -110,8 +110,8 @@ class OpenSetQuery(ListQuery):
     robot_id: Reference | None = Field(default=None, description="Filter by robot.")
 
     @classmethod
-    def of(cls, query: SetQuery) -> OpenSetQuery:
-        """Return the filters of a query of measurement sets that a query of open sets has, too."""
+    def from_set_query(cls, query: SetQuery) -> OpenSetQuery:
+        """Return a query of live campaigns with the filters that `query` has in common with it."""
         return cls(**{name: getattr(query, name) for name in cls.model_fields})
 
 
@@ -146,7 +146,7 @@ class SetQuery(OpenSetQuery):
         return self
 
     def listing(self) -> dict[str, Any]:
-        """Return the arguments of a listing, with `spans`: a first time, and a time before which to end."""
+        """Return the arguments of a listing, with `spans`: field → (first time, time before the end)."""
         listing = super().listing()
         for name in ("measured_from", "measured_to"):
             listing["filters"].pop(name, None)

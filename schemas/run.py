@@ -85,8 +85,8 @@ class _Joint(Protocol):
     def stiffness_interval(self) -> tuple[float, float | None] | None: ...
 
 
-def found_in(joints: Iterable[_Joint]) -> int:
-    """Count the joints whose stiffness has an upper limit, or, without an interval, is identified."""
+def count_identified_joints(joints: Iterable[_Joint]) -> int:
+    """Return the number of joints that are identified, and have an upper limit if they have an interval."""
     found = 0
     for joint in joints:
         ends = joint.stiffness_interval
@@ -159,8 +159,8 @@ class Budget(Message):
         "lack of fit, or a mistake that forbids the numbers."
     )
 
-    def included_in(self, joint: str) -> dict[str, float]:
-        """Return the contributions to a joint's standard uncertainty by source; empty without a number."""
+    def contributions_to(self, joint: str) -> dict[str, float]:
+        """Return source → contribution to a joint's standard uncertainty; empty for an unknown joint."""
         if joint not in self.joints:
             return {}
         place = self.joints.index(joint)
@@ -552,13 +552,13 @@ class RunResult(Result):
         return ResultSummary(
             verdict=self.assessment.verdict,
             compensation=self.compensation,
-            joints_identified=found_in(self.joints),
+            joints_identified=count_identified_joints(self.joints),
             joint_count=len(self.joints),
             warning_count=len(self.warnings),
         )
 
     def mean_lengths(self, of: Literal["deflection", "residual"]) -> dict[str, float]:
-        """Return by observation the mean length [m] of its targets' deflections, or of their residuals."""
+        """Return observation's label → mean length [m] of its targets' deflections, or of their residuals."""
         lengths: dict[str, list[float]] = {}
         for each in self.residuals:
             lengths.setdefault(each.observation, []).append(hypot(*getattr(each, of)))

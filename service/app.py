@@ -1,4 +1,4 @@
-"""The composition root: parts in, application out. Nothing happens on import."""
+"""Build the application of the service from its parts. Importing this module starts nothing."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from starlette.routing import BaseRoute
 
 from jointstiff.service.api import admin, health, jobs, live, resources, runs
 from jointstiff.service.api.answers import install_error_handlers
-from jointstiff.service.api.description import DescribedApplication, problems
+from jointstiff.service.api.description import DescribedApplication, describe_problems
 from jointstiff.service.api.health import Metrics, Watch
 from jointstiff.service.api.jobs import Followers
 from jointstiff.service.api.middleware import COMPRESSED_BYTES, UNCOMPRESSED_TYPES, Guard, Methods, Observed
@@ -25,7 +25,7 @@ from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.process import jointstiff_version
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.security.access import Audit, Gate, operation_id, public_paths
-from jointstiff.service.security.admission import LARGE_BODIES, PARSERS, BodyLimits, Posture
+from jointstiff.service.security.admission import LARGE_BODIES, PARSERS, AccessPolicy, BodyLimits
 from jointstiff.service.security.keys import Keyring
 from jointstiff.service.store.store import Store
 
@@ -49,7 +49,7 @@ the correction. Posting with an `Idempotency-Key` is safe to repeat.
 def create_app(
     store: Store,
     enqueue: Enqueue | None = None,
-    posture: Posture | None = None,
+    posture: AccessPolicy | None = None,
     keyring: Keyring | None = None,
     laboratory: LaboratorySettings | None = None,
 ) -> FastAPI:
@@ -57,9 +57,9 @@ def create_app(
 
     Args:
         store: where robots, measurement sets and runs are kept.
-        enqueue: leaves a long job to workers; without it every job is computed while its request waits.
-        posture: which callers are answered; without it only programs of this machine.
-        keyring: valid keys, if the posture requires keys; without it those of the store.
+        enqueue: leaves a long job to workers; None: every job is computed while its request waits.
+        posture: rules for the callers to answer; None: only programs of this machine are answered.
+        keyring: valid keys, if the posture requires keys; None: the keys in the store.
         laboratory: settings of the laboratory that issues reports; without it reports name no laboratory.
 
     Raises:
@@ -71,16 +71,17 @@ def create_app(
         description=_DESCRIPTION,
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
         servers=[{"url": "/", "description": "This service"}],
-        openapi_url=None,  # ours is written once; FastAPI's pages load scripts from other hosts
+        # `install_description` serves the API description; FastAPI's own pages load scripts from other hosts.
+        openapi_url=None,
         separate_input_output_schemas=False,
         redirect_slashes=False,  # a redirect would repeat the Host header, whoever wrote it
         lifespan=_lifespan,
     )
-    posture = posture or Posture()
+    posture = posture or AccessPolicy()
     demands_keys = posture.access == "keys"
     keyring = keyring or Keyring(store)
     app.state.watch = watch = Watch(store, keyring if demands_keys else None)
-    app.state.gate = gate = Gate(store, keyring, watch.latest, posture.access)
+    app.state.gate = gate = Gate(store, keyring, watch.require_recent_check, posture.access)
     app.state.access = posture.access
     app.state.laboratory = laboratory or LaboratorySettings()
     app.state.parts = Parts(store, enqueue)
@@ -113,8 +114,8 @@ def create_app(
 @cache
 def all_routes() -> Sequence[BaseRoute]:
     """Return the routes of all resources and kinds of jobs; cached, as FastAPI takes 0.1 s to build them."""
-    # Without an answer 422 of ours FastAPI would describe its own form of error.
-    combined = APIRouter(generate_unique_id_function=operation_id, responses=problems(422))
+    # Without a declared answer 422 FastAPI would describe its own error format, which this API never sends.
+    combined = APIRouter(generate_unique_id_function=operation_id, responses=describe_problems(422))
     for router in (
         resources.robots,
         resources.trends,

@@ -1,4 +1,4 @@
-"""Jobs as resources, of whatever kind: every job ends, and a failure is a stored result."""
+"""Jobs of every kind as resources: every job ends, and a failure is a stored result."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.work import (
     Work,
     carry_out,
+    compute_outcome,
     final_state,
     new_job,
-    outcome_of,
-    pack,
+    pack_arrays,
     unexpected_failure,
-    unpack,
+    unpack_arrays,
 )
 from jointstiff.service.live.stored import OpenSets
 from jointstiff.service.problems import (
@@ -37,11 +37,11 @@ from jointstiff.service.problems import (
     StoreUnavailableError,
     TooManyJobsError,
     WorkerLostError,
-    problem_of,
+    problem_from_error,
 )
 from jointstiff.service.process import versions
 from jointstiff.service.resources.stored import Resources
-from jointstiff.service.runs.trend import Trends, numbers_of_trend
+from jointstiff.service.runs.trend import Trends, extract_trend_json
 from jointstiff.service.store.database import BUSY_SECONDS
 from jointstiff.service.store.jobs import JOB
 from jointstiff.service.store.store import Store
@@ -59,9 +59,9 @@ _COLUMNS: Final = (
     "elasticity",
     "verdict",
 )
-"""Columns of the store that have the values of the summary's fields."""
+"""Columns of a job's record whose values are fields of its summary with the same names."""
 _ROW_FIELDS: Final = frozenset(field.name for field in fields(JobEntry)) - {"summary"}
-"""Fields of a job in a listing that are columns of its row."""
+"""Fields of `JobEntry` that are columns of their own; the others are in its column `summary`."""
 _CHANGING: Final = ("state", "summary", "trend", "document", "elasticity", "verdict")
 """Columns that change until a job ends."""
 STEPS_OF_A_PART: Final = 12
@@ -69,7 +69,7 @@ STEPS_OF_A_PART: Final = 12
 PART_SECONDS: Final = 1.25
 """Time after which a worker leaves the other steps of a part, if other jobs wait for a worker [s]."""
 PARTS_AT_ONCE: Final = 8
-"""Parts of a job that wait or are carried out at the same time; each leaves one that follows."""
+"""Number of parts of a job in the queue at a time; a part that ends puts a further part into the queue."""
 CANCEL_SECONDS: Final = 2.0
 """Time that a request to cancel a job waits for a worker that has it locked, which may be stopped [s]."""
 _NO_CHANGES: Final[Mapping[str, object]] = MappingProxyType({})
@@ -77,22 +77,22 @@ _NO_CHANGES: Final[Mapping[str, object]] = MappingProxyType({})
 _logger = logging.getLogger(__name__)
 
 Enqueue = Callable[[Connection, str], object]
-"""Leaves a job to workers by its id, in the transaction that stores it."""
+"""Function that puts a job, given its id, into the queue of workers, in the transaction that stores it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Some steps of a job, which are left to workers."""
+    """A group of consecutive steps of a job that one worker carries out."""
 
     job_id: str
-    number: int  # of the part, from 0; a job begins with the first one
-    kept: int  # number of its steps whose results were kept when it was left to workers
+    number: int  # number of the part within the job, from 0
+    kept: int  # number of the part's steps whose results were stored when the part was put into the queue
 
 
 class PartQueue(Protocol):
     """Queue in which parts of jobs wait for workers."""
 
-    def leave(self, job_id: str, parts: Iterable[Part]) -> object:
+    def add_following_parts(self, job_id: str, parts: Iterable[Part]) -> object:
         """Add parts of a running job to the queue; a part that was added before is not added again."""
 
     def others_wait(self, job_id: str) -> bool:
@@ -121,7 +121,7 @@ class Jobs:
     def create(self, request: Message, key: IdempotencyKey | None, by: AccessKey | None = None) -> JobRecord:
         """Store a new job and return its record; if there are workers, a long job is left to them.
 
-        If the idempotency key came before with the same body, the job that it created is returned. `by` is
+        If the idempotency key `key` came before with the same body, the job created then is returned. `by` is
         the access key of the requester.
 
         Raises:
@@ -136,12 +136,12 @@ class Jobs:
         job = new_job(self.kind.message, request, work, by)
         enqueue = self._enqueue
         if job.progress is None or enqueue is None:
-            done = record_of(self.kind, carry_out(job, work), work.robot_id)
-            return self.records.add(done, key)
+            ended = make_record(self.kind, carry_out(job, work), work.robot_id)
+            return self.records.add(ended, key)
         if len(self.records.open_jobs()) >= MAX_OPEN:
             raise TooManyJobsError(self.kind.resource, MAX_OPEN)
         return self.records.add(
-            record_of(self.kind, job, work.robot_id),
+            make_record(self.kind, job, work.robot_id),
             key,
             lambda connection: enqueue(connection, job.id),
         )
@@ -155,14 +155,14 @@ class Jobs:
         return self._with_progress(self.records.get(job_id))
 
     def answered(self, record: JobRecord) -> str:
-        """Return a job as JSON, as the API answers it; a job that has not ended with its progress."""
+        """Return the JSON with which the API answers for a job; a job that has not ended has its progress."""
         is_active = record.state in OPEN_STATES
         return self.kind.answered(
             self._with_progress(record).model_dump_json() if is_active else record.document
         )
 
     def cancel(self, job_id: str) -> Job:
-        """Cancel a job and return it; a job that has ended stays as it is.
+        """Cancel a job and return it; nothing changes if the job has ended.
 
         Raises:
             NotFoundError: there is no such job.
@@ -174,7 +174,7 @@ class Jobs:
         return self.current(job_id)
 
     def mark_running(self, job_id: str) -> None:
-        """Set the state of a queued job to running, with the present as the time of its start."""
+        """Set the state of a queued job to running, and its start to the present time."""
         record = self.records.get(job_id)
         job = self._read_job(record)
         started = job.provenance.model_copy(
@@ -204,26 +204,29 @@ class Jobs:
         parts = [steps[first : first + STEPS_OF_A_PART] for first in range(0, len(steps), STEPS_OF_A_PART)]
         if number == part.kept == 0:
             self.mark_running(job_id)
-            queue.leave(
+            queue.add_following_parts(
                 job_id, [Part(job_id, other, 0) for other in range(1, min(PARTS_AT_ONCE, len(parts)))]
             )
-        done, own_steps = stored.done(job_id), parts[number] if parts else ()
-        remaining = [span for span in own_steps if span[0] not in done]
-        kept, deadline = len(own_steps) - len(remaining), time.monotonic() + PART_SECONDS
+        # A step is a span (first unit, one past the last); its first unit identifies the stored result.
+        stored_starts = stored.done_starts(job_id)
+        own_steps = parts[number] if parts else ()
+        remaining = [span for span in own_steps if span[0] not in stored_starts]
+        kept = len(own_steps) - len(remaining)
+        deadline = time.monotonic() + PART_SECONDS
         for span in remaining:
             must_yield = time.monotonic() >= deadline and queue.others_wait(job_id)
             # Results that an earlier worker kept before it died are progress: the rest becomes a new entry
             # of the queue, which counts the deaths of workers from zero.
             if kept > part.kept and (span is remaining[0] or must_yield):
-                queue.leave(job_id, [Part(job_id, number, kept)])
+                queue.add_following_parts(job_id, [Part(job_id, number, kept)])
                 return
-            if not stored.keep(job_id, span, pack(self.work(job_id).compute(span))):
+            if not stored.keep(job_id, span, pack_arrays(self.work(job_id).compute(span))):
                 return  # the job has ended
             kept += 1
         if (following := number + PARTS_AT_ONCE) < len(parts):
-            queue.leave(job_id, [Part(job_id, following, 0)])
+            queue.add_following_parts(job_id, [Part(job_id, following, 0)])
         # Another worker may have ended the job meanwhile, which removes the results: then there are fewer.
-        if len(stored.done(job_id)) == len(steps) == len(results := stored.results(job_id)):
+        if len(stored.done_starts(job_id)) == len(steps) == len(results := stored.results(job_id)):
             self.conclude(job_id, results)
 
     def conclude(self, job_id: str, computed: Sequence[bytes]) -> None:
@@ -233,26 +236,26 @@ class Jobs:
             MemoryError: this process has too little memory; another worker may have enough.
         """
         work = self.work(job_id)
-        result, error = outcome_of(
-            lambda: work.conclude([unpack(content) for content in computed]),
+        result, error = compute_outcome(
+            lambda: work.conclude([unpack_arrays(content) for content in computed]),
             (RequestError, MemoryError, StoreUnavailableError),
         )
         provenance = {"versions": dict(versions())}
         self._end_job(job_id, final_state(error), {"result": result, "error": error}, provenance)
 
     def fail(self, job_id: str, failure: Exception) -> None:
-        """End a job as failed, with the problem of an exception; a job that has ended stays as it is."""
+        """End a job as failed, with the problem details of an exception; do nothing if it has ended."""
         if not self.records.is_active(job_id):
             return
         if isinstance(failure, JointstiffError | WorkerLostError):
-            error = problem_of(failure)
+            error = problem_from_error(failure)
         else:
             _logger.error("a %s failed unexpectedly", self.kind.name, exc_info=failure)
             error = unexpected_failure()
         self._end_job(job_id, "failed", {"error": error})
 
     def _with_progress(self, record: JobRecord) -> Job:
-        """Return a job by its record; the progress of a running job is counted from its stored steps."""
+        """Return the job of a record; the progress of a running job is counted from its stored steps."""
         job = self._read_job(record)
         if record.state not in OPEN_STATES or job.progress is None:
             return job
@@ -263,7 +266,7 @@ class Jobs:
         return job.model_copy(update={"state": record.state, "progress": progress})
 
     def _read_job(self, record: JobRecord) -> Job:
-        """Return the message of a job as its record has it."""
+        """Parse the job's message from the JSON of its record."""
         job: Job = self.kind.message.model_validate_json(record.document)
         return job
 
@@ -273,7 +276,7 @@ class Jobs:
 
     def _changing_columns(self, job: Job, robot_id: str | None) -> dict[str, Any]:
         """Return the columns of a job's record that change until the job ends, with their values."""
-        record = record_of(self.kind, job, robot_id)
+        record = make_record(self.kind, job, robot_id)
         return {name: getattr(record, name) for name in _CHANGING}
 
     def _end_job(
@@ -284,13 +287,13 @@ class Jobs:
         provenance: Mapping[str, object] = _NO_CHANGES,
         at_most: float = BUSY_SECONDS,
     ) -> None:
-        """End a job: apply changes of its fields and of its provenance to the record as it is stored then.
+        """End a job in a final state: set fields of the stored job (`changes`) and of its provenance.
 
         `at_most` is the time to wait for a worker that has the job locked [s].
         """
 
-        def final_columns(before: JobRecord, done: int) -> dict[str, Any]:
-            """Return the changed columns of the ended job, from its stored record and its done units."""
+        def final_columns(before: JobRecord, done_units: int) -> dict[str, Any]:
+            """Return the columns to change when the job ends, given its record and number of done units."""
             try:
                 job = self._read_job(before)
             except ValidationError:
@@ -301,7 +304,7 @@ class Jobs:
             final_provenance = {"ended_at": max(datetime.now(UTC), began), **provenance}
             always = {
                 "state": state,
-                "progress": job.progress and job.progress.model_copy(update={"done": done}),
+                "progress": job.progress and job.progress.model_copy(update={"done": done_units}),
                 "provenance": job.provenance.model_copy(update=final_provenance),
             }
             return self._changing_columns(job.model_copy(update={**changes, **always}), before.robot_id)
@@ -309,9 +312,9 @@ class Jobs:
         self.records.end(job_id, state, final_columns, at_most)
 
 
-def record_of(kind: AnyKind, job: Job, robot_id: str | None) -> JobRecord:
+def make_record(kind: AnyKind, job: Job, robot_id: str | None) -> JobRecord:
     """Return the record of a job: its message as JSON, and the columns by which jobs are listed."""
-    summary = summary_of(job, robot_id)
+    summary = summarize_job(job, robot_id)
     return JobRecord(
         id=job.id,
         kind=kind.name,
@@ -319,16 +322,17 @@ def record_of(kind: AnyKind, job: Job, robot_id: str | None) -> JobRecord:
         created_at=job.provenance.created_at,
         summary=summary.model_dump(mode="json", exclude_defaults=True, exclude=set(_ROW_FIELDS)),
         robot_id=robot_id,
-        trend=numbers_of_trend(job) if isinstance(job, Run) else None,
+        trend=extract_trend_json(job) if isinstance(job, Run) else None,
         document=job.model_dump_json(),
         **{name: getattr(summary, name) for name in _COLUMNS},
     )
 
 
-def summary_of(job: Job, robot_id: str | None) -> JobSummary:
+def summarize_job(job: Job, robot_id: str | None) -> JobSummary:
     """Return the summary of a job for listings, without the names of its robot and its measurement set.
 
-    Each field is taken from the first that has it: the job, its request, its provenance or its result.
+    Each field is taken from the first object that has the field: job, request, provenance, or the
+    summary of the result.
     """
     result = job.result.summary if isinstance(job.result, Result) else ResultSummary()
     sources = (job, job.request, job.provenance, result)
@@ -340,22 +344,22 @@ def summary_of(job: Job, robot_id: str | None) -> JobSummary:
     return JobSummary.model_validate(fields | {"robot_id": robot_id})
 
 
-def summary_of_entry(entry: JobEntry) -> JobSummary:
-    """Return the summary of a job from its row in a listing."""
+def summary_from_row(entry: JobEntry) -> JobSummary:
+    """Return the summary of a job, given its row in a listing."""
     columns = {name: getattr(entry, name) for name in _ROW_FIELDS}
     return JobSummary.model_validate(entry.summary | columns)
 
 
 class Parts(Resources):
-    """The application's parts: the resources of a store, its jobs and trends."""
+    """Parts of the application that use one store: resources, jobs, trends and live measurement sets."""
 
     def __init__(self, store: Store, enqueue: Enqueue | None = None) -> None:
         """Compose the parts on a store; without `enqueue` every job is carried out at once."""
         super().__init__(store)
         self.jobs = {kind.name: Jobs(kind, self, enqueue) for kind in KINDS}  # name of a kind → its jobs
         self._records = store.jobs(JOB)
-        self.trends = Trends(store)  # of its robots
-        # the sets that are measured live; closing a set creates a run
+        self.trends = Trends(store)  # trends of the robots
+        # The sets that are measured live: closing such a set creates a run.
         self.live = OpenSets(self, lambda *run: self.jobs["run"].create(*run).id)
 
     def jobs_of(self, job_id: str) -> Jobs:
@@ -386,5 +390,5 @@ class Parts(Resources):
         """
         page = self._records.page(**query.listing())
         return Page(
-            items=[summary_of_entry(entry) for entry in page.records], next=page.next, total=page.total
+            items=[summary_from_row(entry) for entry in page.records], next=page.next, total=page.total
         )

@@ -1,8 +1,8 @@
-"""Large bodies are answered by a child process of limited memory and time, and keep nobody else waiting.
+"""Large request bodies are processed by a child process of limited memory and time.
 
-A parser lets no other thread of its process run, and what it makes of a body is many times as large. The
-child composes the same application; the requester was found before. Between them goes JSON, nothing that
-runs.
+A parser blocks all other threads of its process, and its result takes many times the memory of the body.
+The child builds the same application; the service has checked the key of the requester before. The two
+processes exchange JSON and bytes only, never code or pickles.
 The service starts it as `python -m jointstiff.service.limited DESCRIPTOR`, of the pipe between them.
 """
 
@@ -32,31 +32,32 @@ from jointstiff.service.api.middleware import KNOWN_ID
 from jointstiff.service.app import create_app
 from jointstiff.service.process import FORMAT_VARIABLE, REQUEST_ID, LogFormat, set_log_format
 from jointstiff.service.security.access import REQUESTER, Requester, requester_of
-from jointstiff.service.security.admission import Posture
+from jointstiff.service.security.admission import AccessPolicy
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.engine import Queue
 
 LIMITED_BYTES: Final = 256 * 1024
-"""Larger bodies, and workbooks and archives of any size, are the child's."""
+"""Size above which the child processes a body [bytes]; workbooks and archives of any size go there, too."""
 LIMITED_SECONDS: Final = 60.0
-"""Time that a body may take in the child, and processor time."""
+"""Time, and processor time, that the child may take for one body [s]."""
 LIMITED_MEMORY: Final = 512 * 1024 * 1024
-"""Memory that the child may take for a body [bytes]."""
+"""Memory that the child may take for one body [bytes]."""
 _PATHS: Final = frozenset(
     f"/v1/{name}"
     for name in ("robots", "kinematics", "measurement-sets", "campaigns", "imports", "plans", "deflections")
 )
-"""Addresses whose large bodies are the child's."""
+"""Addresses whose large bodies the child processes."""
 _ALWAYS: Final = frozenset({"/v1/geometries", "/v1/programs"})
-"""Addresses whose small bodies are, too: texts of others, and fits that take the cube of their positions."""
+"""Addresses whose bodies of any size the child processes: program texts written elsewhere, and fits whose
+time grows with the cube of the number of positions."""
 _ARCHIVE: Final = b"PK\x03\x04"
 START_SECONDS: Final = 60.0
-"""Time that a body waits for a child that starts."""
+"""Time that a body waits for the child to start [s]."""
 
 
 @dataclass
 class Forwarded:
-    """A request for the child, without its body."""
+    """A request that is passed on to the child; the body is sent separately."""
 
     method: str
     path: str
@@ -86,8 +87,8 @@ class Forwarded:
 FORWARDED: Final = TypeAdapter(Forwarded)
 
 
-def is_limited(path: str, content: bytes) -> bool:
-    """Return whether the child answers a request, by its path and by the size or the type of its body."""
+def belongs_to_child(path: str, content: bytes) -> bool:
+    """Return whether the child must answer a request, given its path and its body `content`."""
     return path in _ALWAYS or (path in _PATHS and (len(content) > LIMITED_BYTES or _ARCHIVE in content))
 
 
@@ -104,9 +105,9 @@ class LimitedChild:
         """Prepare a child that answers from a database; its process starts with the first request.
 
         Args:
-            database: its URL.
-            quota: size that the database may have [bytes]; None for any.
-            memory: memory for one body, in addition to that of the idle process [bytes].
+            database: URL of the database.
+            quota: greatest size of the database [bytes]; None for no limit.
+            memory: memory for one body, in addition to the memory of the idle process [bytes].
             seconds: time for one body [s].
         """
         self._opening = json.dumps([database, quota, memory, seconds]).encode()
@@ -123,7 +124,7 @@ class LimitedChild:
             HTTPException: the body took too much memory or time (413), or the child does not start (503).
         """
         content = await request.body()
-        if not is_limited(request.url.path, content):
+        if not belongs_to_child(request.url.path, content):
             return None
         forwarded = Forwarded(
             request.method,
@@ -150,7 +151,7 @@ class LimitedChild:
         self._is_ready = False
 
     def _exchange(self, forwarded: Forwarded, content: bytes) -> tuple[bytes, bytes]:
-        """Send a request and its body to the child; return its answer: status and headers as JSON, and body.
+        """Send a request and its body to the child; return (JSON of status and headers, body) of the answer.
 
         Raises:
             HTTPException: the body took too much memory or time (413), or the child does not start (503).
@@ -172,7 +173,7 @@ class LimitedChild:
         """Return the connection to the child once it is ready; start the child if it does not run.
 
         Raises:
-            HTTPException: the child is still starting, and goes on to do so, or does not start (503).
+            HTTPException: the child does not start, or is not ready yet and goes on starting (503).
         """
         try:
             if self._connection is None or self._process is None or self._process.poll() is not None:
@@ -196,18 +197,18 @@ class LimitedChild:
         """Start the child; return our end of the pipe to it, through which it sends `ready`."""
         connection, child_end = Pipe()
         with child_end:
-            self._process = subprocess.Popen(  # noqa: S603 - of our own words
+            self._process = subprocess.Popen(  # noqa: S603 - no part of the command comes from outside
                 [sys.executable, "-m", "jointstiff.service.limited", str(child_end.fileno())],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 pass_fds=[child_end.fileno()],
-                process_group=0,  # Ctrl-C at the service's terminal is the service's to hear
+                process_group=0,  # so that Ctrl-C at the terminal ends the service, not the child
             )
         connection.send_bytes(self._opening)
         return connection
 
 
-_NO_THREAD: Final = "can't start new thread"  # Python's words for a thread that has no memory for its stack
+_NO_THREAD: Final = "can't start new thread"  # Python's message if a new thread finds no memory for its stack
 
 
 def run_child(descriptor: int) -> None:
@@ -221,8 +222,8 @@ def run_child(descriptor: int) -> None:
     with ExitStack() as stack, suppress(EOFError, BrokenPipeError):
         store = stack.enter_context(Store.open(database, quota))
         queue = stack.enter_context(closing(Queue(store, database)))
-        app = create_app(store, queue.enqueue, Posture(hosts=None))
-        app.state.is_closing = lambda: True  # the service itself waits for workers
+        app = create_app(store, queue.enqueue, AccessPolicy(hosts=None))
+        app.state.is_closing = lambda: True  # no request waits here for workers: the service itself does
         with suppress(OSError):  # without /proc there is no limit of memory
             # Its sixth number is the size of data and stack, the memory of the idle process.
             pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
@@ -233,14 +234,14 @@ def run_child(descriptor: int) -> None:
         while True:
             forwarded, content = FORWARDED.validate_json(connection.recv_bytes()), connection.recv_bytes()
             _limit_time(seconds)
-            start, body = anyio.run(_answer_of_app, app, forwarded, content)
+            start, body = anyio.run(_get_answer_of_app, app, forwarded, content)
             headers = [(name.decode("latin-1"), value.decode("latin-1")) for name, value in start["headers"]]
             connection.send_bytes(json.dumps([start["status"], headers]).encode())
             connection.send_bytes(body)
 
 
-async def _answer_of_app(app: FastAPI, forwarded: Forwarded, content: bytes) -> tuple[Message, bytes]:
-    """Pass a request to the application; return the ASGI message that starts its answer, and the body."""
+async def _get_answer_of_app(app: FastAPI, forwarded: Forwarded, content: bytes) -> tuple[Message, bytes]:
+    """Pass a request to the application; return the ASGI message with status and headers, and the body."""
     received = iter([{"type": "http.request", "body": content, "more_body": False}])
     sent: list[Message] = []
 
@@ -256,12 +257,12 @@ async def _answer_of_app(app: FastAPI, forwarded: Forwarded, content: bytes) -> 
         await app(forwarded.scope(), receive, send)
     except Exception as error:
         if isinstance(error, MemoryError) or str(error) == _NO_THREAD or not sent:
-            raise  # this process ends, and the service says why; all else is logged, and its answer sent
+            raise  # ends this process: the service answers 413; other errors were logged and answered
     return sent[0], b"".join(message.get("body", b"") for message in sent[1:])
 
 
 def _limit_time(seconds: float) -> None:
-    """Let the system kill this process after some more processor time [s], even if the service is gone."""
+    """Limit the processor time of this process to `seconds` from now [s]; the system kills it afterwards."""
     used = resource.getrusage(resource.RUSAGE_SELF)
     most = int(used.ru_utime + used.ru_stime + seconds) + 1
     resource.setrlimit(resource.RLIMIT_CPU, (most, resource.getrlimit(resource.RLIMIT_CPU)[1]))

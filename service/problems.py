@@ -1,6 +1,6 @@
 """Errors of the service, each with its remedy, and their problem details (RFC 9457).
 
-One table leads from the class of an error, of the numerical core too, to the status of an answer.
+The table `_KINDS` gives the HTTP status of each class of errors, also of those of the numerical core.
 
 ServiceError                   something outside of a request is in the way: see the remedy
 ├── ServerError                the service cannot start (service/server.py)
@@ -61,7 +61,7 @@ from jointstiff.solver.errors import (
 
 _MAX_SHOWN = 80
 _CHANGED = ("robots", "measurement-sets")
-"""Collections that are no jobs, whose resources are changed at their own addresses."""
+"""Collections of resources other than jobs, which are changed at addresses of their own."""
 
 
 class Resource(NamedTuple):
@@ -77,8 +77,8 @@ class Resource(NamedTuple):
             return f"/v1/{self.collection}"
         return f"/v1/jobs?kind={self.name}"
 
-    def change(self, identifier: str, change: str) -> str:
-        """Return the request that changes a resource, as text for remedies: method, address and body."""
+    def change_request(self, identifier: str, change: str) -> str:
+        """Return the HTTP request that changes a resource as text: method, address and body {`change`}."""
         collection = self.collection if self.collection in _CHANGED else "jobs"
         return f"PATCH /v1/{collection}/{identifier} {{{change}}}"
 
@@ -95,15 +95,18 @@ class ItemsError(RequestError):
 
 
 class FilesError(ItemsError):
-    """Files that were not understood; `where` is file:line:column, as far as it is one place."""
+    """Files that were not understood; `where` is file:line:column, if there is a single place."""
 
 
 class VerdictError(ItemsError):
-    """A result is not to be used, and the request does not accept that."""
+    """A result has the verdict "do not use", and the request does not accept this verdict."""
 
     @classmethod
-    def of(cls, subject: str, where: str, items: Iterable[Sequence[str]]) -> VerdictError:
-        """Return the refusal of a result, with the reasons of its verdict."""
+    def for_result(cls, subject: str, where: str, items: Iterable[Sequence[str]]) -> VerdictError:
+        """Return the error that refuses the result `subject` at the field `where`.
+
+        `items` are the reasons of the verdict: place, reason and remedy of each.
+        """
         return cls(
             f"the verdict on {subject} is: do not use",
             where=where,
@@ -114,12 +117,12 @@ class VerdictError(ItemsError):
 
 
 def _quote(text: str) -> str:
-    """Return a text from outside quoted, escaped and short enough for a message."""
+    """Return the text of a user in quotes, escaped, and cut to a length that suits a message."""
     return repr(text if len(text) <= _MAX_SHOWN else text[:_MAX_SHOWN] + "…")
 
 
 class ServiceError(Exception):
-    """Something outside of a request is in the way."""
+    """An error whose cause is not in the request, such as a full database or a missing library."""
 
     def __init__(self, reason: str, remedy: str) -> None:
         super().__init__(f"{reason}: {remedy}")
@@ -151,28 +154,28 @@ EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
         "polars": "frames",
     }
 )
-"""Libraries that come with an extra of this package, and the extra."""
+"""Optional library → extra of this package that installs it."""
 
 
 class MissingExtraError(ServiceError, ImportError):
     """A library is not installed that an extra of this package installs."""
 
-    def __init__(self, what: str, extra: str) -> None:
+    def __init__(self, feature: str, extra: str) -> None:
         super().__init__(
-            f"{what} needs the extra `{extra}`, which is not installed",
+            f"{feature} needs the extra `{extra}`, which is not installed",
             f'pip install "jointstiff[{extra}]"',
         )
 
 
-def missing_extra(what: str, error: ImportError) -> ImportError:
-    """Return the error that names the extra of a missing library; the same error for another library.
+def explain_missing_library(feature: str, error: ImportError) -> ImportError:
+    """Return the error that tells which extra installs a missing library; `error` for any other library.
 
     Args:
-        what: what needs the library, such as `a chart`; the subject of the message.
+        feature: subject of the message, such as `a chart`: the feature that needs the library.
         error: error of the import.
     """
     extra = EXTRAS.get((error.name or "").partition(".")[0])
-    return error if extra is None else MissingExtraError(what, extra)
+    return error if extra is None else MissingExtraError(feature, extra)
 
 
 class ExecutorError(ServiceError):
@@ -226,7 +229,7 @@ class DeletedError(NotFoundError):
     def __init__(self, kind: Resource, identifier: str) -> None:
         super().__init__(kind, identifier)
         self.reason = f"the {kind.name} {_quote(identifier)} was deleted"
-        self.remedy = "restore it with " + kind.change(identifier, '"deleted": false')
+        self.remedy = "restore it with " + kind.change_request(identifier, '"deleted": false')
         self.args = (f"{self.reason}: {self.remedy}",)
 
 
@@ -234,7 +237,7 @@ class NotEndedError(StoreError):
     """A job that has not ended cannot be deleted."""
 
     def __init__(self, kind: Resource, identifier: str) -> None:
-        cancel = kind.change(identifier, '"cancelled": true')
+        cancel = kind.change_request(identifier, '"cancelled": true')
         super().__init__(
             f"the {kind.name} {_quote(identifier)} has not finished",
             f"cancel it first with {cancel}, or wait until it has finished",
@@ -251,8 +254,8 @@ class ClosedError(StoreError):
         )
 
 
-class TakenError(StoreError):
-    """An open set has another reading of that label."""
+class LabelTakenError(StoreError):
+    """A live measurement set has a different observation with the same label already."""
 
     def __init__(self, label: str) -> None:
         super().__init__(
@@ -262,7 +265,7 @@ class TakenError(StoreError):
 
 
 class ReferencedError(StoreError):
-    """A robot or measurement set that others refer to cannot be deleted."""
+    """A robot or measurement set cannot be deleted, as other resources refer to it."""
 
     def __init__(self, kind: Resource, identifier: str, users: Sequence[str], *, more: bool) -> None:
         super().__init__(
@@ -272,12 +275,13 @@ class ReferencedError(StoreError):
 
 
 class WorkerLostError(StoreError):
-    """The workers of a job died, or their engine gave it up."""
+    """The workers of a job died, or the job queue no longer tries the job."""
 
     def __init__(self, reason: str) -> None:
         super().__init__(
             reason,
-            "send the job again; if its workers end again, split it or give them more memory; see their logs",
+            "send the job again; if its workers die again, split the job into several or give the workers "
+            "more memory; the logs of the workers have details",
         )
 
 
@@ -307,7 +311,7 @@ class KeyRefusedError(StoreError):
 
 
 class WrongKeysError(KeyRefusedError):
-    """Too many wrong keys came from an address; right ones are still taken."""
+    """Too many wrong keys came from an address; valid keys are still accepted."""
 
     def __init__(self) -> None:
         super().__init__(
@@ -333,7 +337,7 @@ class IdempotencyConflictError(StoreError):
 
 
 class CursorError(StoreError):
-    """A cursor that no page gave."""
+    """A cursor that is not the `next` of any page."""
 
     def __init__(self, cursor: str) -> None:
         super().__init__(
@@ -373,7 +377,7 @@ _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType
         ReferencedError: (409, "referenced", "Other resources refer to it"),
         QuotaError: (507, "quota", "The database is full"),
         ClosedError: (409, "closed", "The measurement set is closed"),
-        TakenError: (409, "label-taken", "Another reading has this label"),
+        LabelTakenError: (409, "label-taken", "Another reading has this label"),
         NotEndedError: (409, "not-ended", "The job has not finished"),
         WorkerLostError: (500, "worker-lost", "The workers of the job died"),
         NotFoundError: (404, "not-found", "The resource does not exist"),
@@ -429,11 +433,11 @@ _WORDING: Final = tuple(
         (r"\w+ should have at (least|most) (.+)", r"must have at \1 \2"),
     )
 )
-"""Pydantic's messages and ours, the first match counts; what is not here stays as it is."""
+"""Patterns of pydantic's messages with our words for them: the first match counts; others are kept."""
 
 
-def problem_of(error: JointstiffError | StoreError) -> Problem:
-    """Return the problem details of one of the project's errors, by the table `_KINDS`."""
+def problem_from_error(error: JointstiffError | StoreError) -> Problem:
+    """Return the problem details of an error; its class decides type, title and status (table `_KINDS`)."""
     internal = (500, "internal", "Internal error")
     status, slug, title = next((_KINDS[each] for each in type(error).__mro__ if each in _KINDS), internal)
     items = error.items if isinstance(error, ItemsError) else ()
@@ -454,14 +458,15 @@ def problem_of(error: JointstiffError | StoreError) -> Problem:
     return _fit_into_body(problem)
 
 
-def place_in(section: str, where: str | None) -> str | None:
-    """Return the place of an error in a document of several sections, such as a campaign.
+def place_in_document(section: str, where: str | None) -> str | None:
+    """Return the path of a faulty field in a document of several sections, such as a campaign.
 
-    A place in observations is one in the measurement set, whatever section was refused.
+    A path that begins with `observations` belongs to the section `measurement_set`, even if an error names
+    another section.
 
     Args:
-        section: section that was refused; empty for a document of one section.
-        where: place within that section; None if it is not known.
+        section: section with the error; empty for a document of one section.
+        where: path within that section; None if it is not known.
     """
     in_set = re.match(r"observations\b", where or "") is not None
     if section and where == "measurement_set_id":
@@ -472,7 +477,7 @@ def place_in(section: str, where: str | None) -> str | None:
 
 
 def http_problem(status: int, detail: str, remedy: str | None = None) -> Problem:
-    """Return problem details whose type and title are those of an HTTP status."""
+    """Return problem details with the type and the title of an HTTP status, a detail and a remedy."""
     phrase = HTTPStatus(status).phrase
     return Problem(
         type=_urn(phrase.lower().replace(" ", "-")),
@@ -483,11 +488,11 @@ def http_problem(status: int, detail: str, remedy: str | None = None) -> Problem
     )
 
 
-def invalid_request(errors: Sequence[Mapping[str, Any]], parameters: Sequence[str] = ()) -> Problem:
-    """Return problem details of pydantic's errors: the first faults, shortened, without the values sent.
+def problem_from_faults(errors: Sequence[Mapping[str, Any]], parameters: Sequence[str] = ()) -> Problem:
+    """Return problem details of a request that pydantic refused: its first faults, without the sent values.
 
     Args:
-        errors: as pydantic lists them.
+        errors: the list `ValidationError.errors()` of pydantic.
         parameters: names of the query parameters of the route.
     """
     items = [
@@ -495,7 +500,7 @@ def invalid_request(errors: Sequence[Mapping[str, Any]], parameters: Sequence[st
             where=_shorten(_path_text(error["loc"])) or "body",
             reason="must be an object"
             if error["type"] in _NO_OBJECT
-            else _shorten(reworded(error, parameters)),
+            else _shorten(reword_fault(error, parameters)),
             remedy=_remedy(error),
         )
         for error in errors[:MAX_ITEMS]
@@ -529,24 +534,28 @@ def _remedy(error: Mapping[str, Any]) -> str | None:
 
 
 def _urn(slug: str) -> str:
+    """Return the `type` of problem details, a URN, for a short name of the kind of problem."""
     return f"urn:jointstiff:problem:{slug}"
 
 
 def _fit_into_body(problem: Problem) -> Problem:
-    """Return a problem without its last faults, so many that its JSON has at most `MAX_PROBLEM_BYTES`."""
+    """Drop the last faults of a problem until its JSON has at most `MAX_PROBLEM_BYTES`."""
     while len(problem.model_dump_json().encode()) > MAX_PROBLEM_BYTES and len(problem.errors) > 1:
         problem = problem.model_copy(update={"errors": problem.errors[:-1]})
     return problem
 
 
 def _shorten(text: str, longest: int = _LONGEST) -> str:
-    """Cut a text to a number of characters; replace characters that cannot be printed."""
+    """Cut a text to `longest` characters and replace unprintable characters by �."""
     printable = "".join(c if c.isprintable() else "�" for c in text[: longest + 1])
     return printable if len(printable) <= longest else printable[:longest] + "…"
 
 
 def _path_text(location: Sequence[int | str]) -> str:
-    """Return a place as text, such as `observations[3].force[0]`, without FastAPI's `body` and model tags."""
+    """Return the path of a field as text, such as `observations[3].force[0]`.
+
+    FastAPI's first part `body` and pydantic's tags of model formats are left out.
+    """
     location = location[1:] if location[:1] == ("body",) else location
     path = ""
     for i, part in enumerate(location):
@@ -559,11 +568,11 @@ def _path_text(location: Sequence[int | str]) -> str:
     return path
 
 
-def reworded(error: Mapping[str, Any], parameters: Sequence[str] = ()) -> str:
-    """Return one of pydantic's errors in the project's words.
+def reword_fault(error: Mapping[str, Any], parameters: Sequence[str] = ()) -> str:
+    """Return the message of a fault that pydantic found, in the project's words.
 
     Args:
-        error: its `type`, `loc` and `msg`.
+        error: the fault as pydantic lists it, with `type`, `loc` and `msg`.
         parameters: names of the query parameters of the route, to suggest one for an unknown name.
     """
     message = str(error["msg"])
@@ -581,7 +590,7 @@ def reworded(error: Mapping[str, Any], parameters: Sequence[str] = ()) -> str:
 
 @cache
 def _known_fields() -> tuple[str, ...]:
-    """Return the names of the fields of all messages, sorted."""
+    """Return the names of the fields of all messages of the API, sorted."""
     names: set[str] = set()
     waiting: list[type[Message]] = [Message]
     while waiting:
@@ -615,9 +624,11 @@ class AwayError(RefusedError):
 
 @contextmanager
 def as_campaign_error(section: str) -> Iterator[None]:
-    """Turn errors of the block into a `CampaignError` whose place begins with a section of the file."""
+    """Turn errors of the block into a `CampaignError` whose `where` begins with a section of the file."""
     try:
         yield
     except JointstiffError as error:
-        problem = problem_of(error)
-        raise CampaignError(problem.model_copy(update={"where": place_in(section, problem.where)})) from error
+        problem = problem_from_error(error)
+        raise CampaignError(
+            problem.model_copy(update={"where": place_in_document(section, problem.where)})
+        ) from error

@@ -1,4 +1,4 @@
-"""Every process of the command: its memory, its one thread of linear algebra, its versions, and its log.
+"""Settings of each process: memory, one thread for linear algebra, versions and log.
 
 numpy and the C library read the environment when they are loaded. A log is for people, or JSON lines for
 programs; each line of a request has its identifier.
@@ -31,17 +31,20 @@ _SETTINGS: Final = {
     "MALLOC_MMAP_THRESHOLD_": (-3, 4 * 1024 * 1024),
     "MALLOC_ARENA_MAX": (-8, 1),
 }
-"""Settings of glibc, number and value: what takes more than 4 MiB goes back to the system once it is free."""
+"""Environment variable of glibc → number of the option for `mallopt`, and value.
+
+Freed blocks of more than 4 MiB go back to the system.
+"""
 ONE_THREAD: Final = MappingProxyType(
     dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     | {name: str(value) for name, (_, value) in _SETTINGS.items()}
 )
-"""Environment of a process. The matrices are small: more threads cost more than they bring, and with several
-processes they fight for the processors."""
+"""Environment variables of a process. The matrices are small: more threads of linear algebra cost more than
+they gain, and with several processes they compete for the processors."""
 
 
 _NEW_OBJECTS: Final = 50_000
-"""Between two collections of garbage: at Python's own 700 they take a fifth of a start."""
+"""New objects between two garbage collections: with Python's default of 700 they take a fifth of a start."""
 
 
 def collect_rarely() -> None:
@@ -54,29 +57,29 @@ def use_one_thread() -> None:
     os.environ.update(ONE_THREAD)
 
 
-class _Limit:
-    """The limit of linear algebra to one thread, for as long as any computation of this process goes on."""
+class _OneThreadLimit:
+    """Limit of linear algebra to one thread while any computation of this process runs."""
 
     def __init__(self) -> None:
-        self._lock, self._inside = Lock(), 0
-        self._limiter: Any = None  # restores the numbers of threads before the limit
+        self._lock, self._running = Lock(), 0  # number of computations that run
+        self._limiter: Any = None  # restores the earlier numbers of threads
 
     def enter(self) -> None:
-        """Limit the libraries to one thread, unless another computation has done so."""
+        """Begin a computation; the first one limits the libraries to one thread."""
         with self._lock:
-            if not self._inside:
+            if not self._running:
                 self._limiter = _blas_controller().limit(limits=1)
-            self._inside += 1
+            self._running += 1
 
     def leave(self) -> None:
-        """Restore the number of threads, unless another computation goes on."""
+        """End a computation; the last one restores the earlier numbers of threads."""
         with self._lock:
-            self._inside -= 1
-            if not self._inside:
+            self._running -= 1
+            if not self._running:
                 self._limiter.restore_original_limits()
 
 
-_LIMIT: Final = _Limit()
+_LIMIT: Final = _OneThreadLimit()
 
 
 @cache
@@ -103,9 +106,9 @@ def one_thread() -> Iterator[None]:
 
 
 def give_memory_back() -> None:
-    """Let glibc return large freed blocks of memory to the system.
+    """Let glibc return large freed blocks of memory to the system, from now on.
 
-    For a running process, which has read the settings in `ONE_THREAD` too early or not at all.
+    A running process needs this call, as glibc reads environment variables only when a process starts.
     """
     with suppress(OSError, AttributeError, TypeError):  # the C library is not glibc
         for setting in _SETTINGS.values():
@@ -141,13 +144,14 @@ def jointstiff_version() -> str:
 FORMAT_VARIABLE: Final = "JOINTSTIFF_LOG_FORMAT"
 """Format of this process's log, and of those that it starts."""
 ACCESS_LOGGER: Final = "jointstiff.access"
-"""Logger of one line a request; silent in logs for people."""
+"""Logger that writes one line for each request, in JSON logs only."""
 
 REQUEST_ID: Final[ContextVar[str | None]] = ContextVar("REQUEST_ID", default=None)
 """Identifier of the request that is being answered."""
 
-_UNSEEN: Final = re.compile("[\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
-"""Characters that steer a terminal, end a line or turn a text's direction; JSON leaves them as they are."""
+_CONTROL_CHARACTERS: Final = re.compile("[\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+"""Characters that control a terminal, end a line or change a text's direction; `json.dumps` does not escape
+them."""
 
 _EXTRAS: Final = ("method", "path", "status", "seconds")
 
@@ -176,7 +180,7 @@ class JsonFormatter(logging.Formatter):
         if record.exc_info:
             line["exception"] = self.formatException(record.exc_info)
         text = json.dumps(line, ensure_ascii=False)
-        return _UNSEEN.sub(lambda character: f"\\u{ord(character[0]):04x}", text)
+        return _CONTROL_CHARACTERS.sub(lambda character: f"\\u{ord(character[0]):04x}", text)
 
 
 def set_log_format(log_format: LogFormat) -> None:

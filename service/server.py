@@ -26,7 +26,7 @@ from jointstiff.service.limited import LimitedChild
 from jointstiff.service.problems import ServiceError, StoreError
 from jointstiff.service.process import LogFormat, give_memory_back, jointstiff_version, set_log_format
 from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
-from jointstiff.service.security.admission import Posture
+from jointstiff.service.security.admission import AccessPolicy
 from jointstiff.service.security.keys import Keyring
 from jointstiff.service.settings import Settings
 from jointstiff.service.store.database import refuse_in_memory
@@ -36,21 +36,20 @@ from jointstiff.service.workers.engine import Queue
 from jointstiff.service.workers.supervisor import Supervisor
 
 _GOODBYE_SECONDS: Final = 5
-"""For requests under way when the service is stopped; clients that follow a run connect again."""
+"""Time for unfinished requests when the service is stopped [s]; clients that follow a run connect again."""
 _COLLECT_AFTER: Final = (10_000, 20, 50)
-"""New objects until a collection, and until one of older ones: nobody is answered while a large set is looked
-through, and what is in a cycle dies young."""
+"""Thresholds of `gc.set_threshold`: collections are rare, as no request is answered while one runs."""
 _TURN_SECONDS: Final = 0.0005
-"""Time that a thread computes before another one that waits gets its turn: the one that answers waits for
-each of those that work, several times a request."""
+"""Time that a thread computes before Python switches to a waiting thread [s]. It is short because the thread
+that answers requests waits for each computing thread several times in a request."""
 _KEEP_ALIVE_SECONDS: Final = 75
 """Time that a connection stays open between two requests. A proxy's own time must be shorter, such as the
 30 s in docker/Caddyfile; else the proxy sends a request on a connection that we close at that moment, and the
 request is lost."""
 _HEADER_BYTES: Final = 32 * 1024
-"""Header of a request that is kept until its end comes; a proxy adds lines to the 16 kB that it accepts."""
+"""Greatest size of the header of a request [bytes]; a proxy adds lines to the 16 kB that it accepts."""
 _MOST_DESCRIPTORS: Final = 65_536
-"""Open files and connections of the process, as far as the system allows; shells begin with 1,024."""
+"""Greatest number of open files and connections, if the system allows it; the usual default is 1,024."""
 _BACKLOG: Final = 128
 """Connections that the kernel keeps until they are accepted. When no descriptor is free, asyncio tries to
 accept one so many times a second, and writes each failure to the log."""
@@ -61,15 +60,16 @@ _UNCONTROLLED: Final = (
 
 
 PROXIES_VARIABLE: Final = "FORWARDED_ALLOW_IPS"
-"""Addresses of proxies that are believed where a request came from; uvicorn reads it."""
+"""Environment variable with the addresses of proxies whose statement of a client's address is trusted;
+uvicorn reads it."""
 
 
 class ServerError(ServiceError):
     """The service cannot start."""
 
 
-def run_server(settings: Settings, then: Callable[[str], object] | None = None) -> None:
-    """Serve until interrupted; `then` is called with the address, in a thread, once the socket listens.
+def run_server(settings: Settings, on_listening: Callable[[str], object] | None = None) -> None:
+    """Serve until interrupted; once the socket listens, call `on_listening` with the URL, in another thread.
 
     Raises:
         StoreError: the database cannot be used.
@@ -90,8 +90,8 @@ def run_server(settings: Settings, then: Callable[[str], object] | None = None) 
         port = listeners[0].getsockname()[1]
         if settings.metrics_port is not None:
             options = "--metrics-port or --metrics-host"
-            shown = listen(settings.metrics_host, settings.metrics_port, options)
-            listeners.append(stack.enter_context(shown))
+            metrics_listener = listen(settings.metrics_host, settings.metrics_port, options)
+            listeners.append(stack.enter_context(metrics_listener))
         refuse_in_memory(database)
         store = stack.enter_context(Store.open(database, quota))
         keyring = _open_keyring(store, posture, settings)
@@ -99,7 +99,7 @@ def run_server(settings: Settings, then: Callable[[str], object] | None = None) 
         # Names of workers contain a hash of the database: messages distinguish workers of several stores.
         store_hash = hashlib.sha256(_url_without_password(database).encode()).hexdigest()[:8]
         prefix = f"{socket.gethostname()}-{port}-{store_hash}"
-        supervisor = stack.enter_context(Supervisor(database, workers, prefix, make_forget_worker(store)))
+        supervisor = stack.enter_context(Supervisor(database, workers, prefix, make_heartbeat_remover(store)))
         address = f"http://{host}:{port}"
         console().print(
             f"Jointstiff {jointstiff_version()} at {address}, API description at {address}/openapi.json\n"
@@ -114,15 +114,15 @@ def run_server(settings: Settings, then: Callable[[str], object] | None = None) 
         app.state.failing_workers = lambda: supervisor.failing
         ports = [listener.getsockname()[1] for listener in listeners]
         answering = app.state.metrics.serve_on_port(app, ports[1]) if ports[1:] else app
-        config = _configuration(answering, settings.log_format)
+        config = _configure_uvicorn(answering, settings.log_format)
         sys.setswitchinterval(_TURN_SECONDS)
         gc.set_threshold(*_COLLECT_AFTER)
         gc.freeze()  # libraries stay to the end; no collection need look through them
         server = uvicorn.Server(config)
         app.state.is_closing = lambda: server.should_exit
         app.state.metrics.gauges = lambda: _gauge_values(app, server)
-        if then is not None:  # the socket listens already; requests wait for the server
-            threading.Thread(target=then, args=(address,), daemon=True).start()
+        if on_listening is not None:  # the socket listens already; requests wait for the server
+            threading.Thread(target=on_listening, args=(address,), daemon=True).start()
         server.run(sockets=listeners)
 
 
@@ -133,7 +133,7 @@ def _raise_descriptors() -> None:
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
-def _configuration(app: ASGIApp, log_format: LogFormat) -> uvicorn.Config:
+def _configure_uvicorn(app: ASGIApp, log_format: LogFormat) -> uvicorn.Config:
     """Return the configuration of uvicorn."""
     return uvicorn.Config(
         app,
@@ -145,22 +145,24 @@ def _configuration(app: ASGIApp, log_format: LogFormat) -> uvicorn.Config:
         h11_max_incomplete_event_size=_HEADER_BYTES,
         ws="none",
         backlog=_BACKLOG,
-        proxy_headers=bool(os.environ.get(PROXIES_VARIABLE)),  # uvicorn would believe this whole machine
+        proxy_headers=bool(
+            os.environ.get(PROXIES_VARIABLE)
+        ),  # by default uvicorn trusts all programs of this machine
         timeout_keep_alive=_KEEP_ALIVE_SECONDS,
         timeout_graceful_shutdown=_GOODBYE_SECONDS,
     )
 
 
 def _gauge_values(app: FastAPI, server: uvicorn.Server) -> dict[str, float]:
-    """Return the values of the gauges in the metrics by name, as the last check of the store found them."""
-    seen = app.state.watch.seen
+    """Return name → value of the gauges among the metrics; the store was read at its last check."""
+    last_check = app.state.watch.last_check
     state: dict[str, float] = {
-        "database_up": seen is not None and seen.error is None,
+        "database_up": last_check is not None and last_check.error is None,
         "failing_workers": app.state.failing_workers(),
         "connections": len(server.server_state.connections),
     }
     if state["database_up"]:
-        state |= {"workers": seen.workers, "stored_bytes": seen.stored_bytes}
+        state |= {"workers": last_check.workers, "stored_bytes": last_check.stored_bytes}
         with suppress(StoreError):
             state["unfinished_jobs"] = sum(
                 len(jobs.records.open_jobs()) for jobs in app.state.parts.jobs.values()
@@ -170,10 +172,10 @@ def _gauge_values(app: FastAPI, server: uvicorn.Server) -> dict[str, float]:
     return state
 
 
-def make_forget_worker(store: Store) -> Callable[[str], None]:
+def make_heartbeat_remover(store: Store) -> Callable[[str], None]:
     """Return a function that removes the heartbeat of a worker that ended, given its name.
 
-    While the database does not answer it does nothing: the worker counts as dead after a time of silence.
+    The function does nothing if the database does not answer: a silent worker soon counts as dead anyway.
     """
 
     def forget(worker: str) -> None:
@@ -191,14 +193,14 @@ def _url_without_password(database: str) -> str:
     return url.difference_update_query(["password", "sslpassword"]).render_as_string(hide_password=True)
 
 
-def _choose_posture(settings: Settings) -> Posture:
-    """Return which callers the service answers, by its settings.
+def _choose_posture(settings: Settings) -> AccessPolicy:
+    """Return the posture that the settings state: which callers the service answers.
 
     Raises:
         ServerError: other machines could reach the service without keys, and no option allows it.
     """
     try:
-        return Posture.of(
+        return AccessPolicy.from_address(
             settings.host,
             tuple(settings.allowed_host or ()),
             access_control=not settings.no_access_control,
@@ -213,8 +215,8 @@ def _choose_posture(settings: Settings) -> Posture:
         ) from error
 
 
-def _open_keyring(store: Store, posture: Posture, settings: Settings) -> Keyring:
-    """Return the keys that open the service.
+def _open_keyring(store: Store, posture: AccessPolicy, settings: Settings) -> Keyring:
+    """Return the keys that the service accepts, with those in the file of the settings.
 
     Raises:
         KeysFileError: the file of keys cannot be used.
@@ -248,7 +250,7 @@ def listen(host: str, port: int, options: str) -> socket.socket:
     except OSError as error:
         raise ServerError(
             f"cannot listen on {host}:{port}: {os.strerror(error.errno) if error.errno else error}",
-            f"choose another {options}, or stop the program that uses it",
+            f"give another value of {options}, or stop the program that uses this port",
         ) from error
     # asyncio sets this only on sockets with an explicit protocol; without it answers wait 40 ms for an ACK.
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

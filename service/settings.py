@@ -1,4 +1,4 @@
-"""Settings of a service: what each field means is the help of the option that states it."""
+"""Settings of the service: the help text of each option describes its field."""
 
 from __future__ import annotations
 

@@ -14,15 +14,15 @@ Support: TypeAlias = npt.NDArray[np.int8]
 """-1 where a lower bound holds a parameter, 1 where an upper bound does, 0 where it is free."""
 
 
-def in_one_sense(axes: FloatArray) -> FloatArray:
-    """Return axes (..., 3) with their signs chosen such that the first large component is positive.
+def fix_axis_signs(axes: FloatArray) -> FloatArray:
+    """Return axes (..., 3), each multiplied by 1 or −1 such that its first large component is positive.
 
     The sign of an eigenvector depends on rounding alone. A component is large if its absolute value exceeds
-    half of the greatest of the axis.
+    half of the greatest absolute value among the three components of the axis.
     """
     size = np.abs(axes)
-    first = np.argmax(size > 0.5 * size.max(axis=-1, keepdims=True), axis=-1)[..., None]
-    return np.asarray(np.where(np.take_along_axis(axes, first, axis=-1) < 0.0, -axes, axes))
+    first_large = np.argmax(size > 0.5 * size.max(axis=-1, keepdims=True), axis=-1)[..., None]
+    return np.asarray(np.where(np.take_along_axis(axes, first_large, axis=-1) < 0.0, -axes, axes))
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -44,5 +44,5 @@ def greatest_eigenvalue(matrices: FloatArray) -> FloatArray:
     B = matrices - np.multiply.outer(np.eye(3), mean)
     r = np.sqrt(np.einsum("ij...,ij...->...", B, B) / 6.0)
     B /= np.where(r > 0.0, r, 1.0)
-    half = 0.5 * np.einsum("i...,i...->...", B[0], cross(B[1], B[2]))
-    return np.asarray(mean + 2.0 * r * np.cos(np.arccos(np.clip(half, -1.0, 1.0)) / 3.0))
+    half_determinant = 0.5 * np.einsum("i...,i...->...", B[0], cross(B[1], B[2]))
+    return np.asarray(mean + 2.0 * r * np.cos(np.arccos(np.clip(half_determinant, -1.0, 1.0)) / 3.0))

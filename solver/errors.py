@@ -26,7 +26,10 @@ class JointstiffError(Exception):
         self.where = where
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Let pickle know how to restore all attributes of the error: it forgets keyword arguments."""
+        """Return how pickle restores the error: a function, its arguments, and the attributes to set.
+
+        Without this method pickle would call the constructor without its keyword arguments, and fail.
+        """
         return _rebuild_error, (type(self), self.args), vars(self)
 
     def __str__(self) -> str:
@@ -36,7 +39,7 @@ class JointstiffError(Exception):
 
 
 def _rebuild_error(kind: type[JointstiffError], arguments: tuple[object, ...]) -> JointstiffError:
-    """Create an error without its constructor; pickle then fills in the attributes."""
+    """Create an error of a class without calling its constructor; pickle then sets the attributes."""
     return kind.__new__(kind, *arguments)
 
 
@@ -53,7 +56,7 @@ class MeasurementError(InputError):
 
 
 class RequestError(JointstiffError):
-    """The request asks for what does not exist, such as a bound on an unknown joint."""
+    """The request cannot be carried out, such as a bound on a joint that the robot does not have."""
 
 
 class UnsupportedMethodError(RequestError):

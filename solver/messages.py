@@ -9,33 +9,33 @@ from typing import Any, TypeVar
 import numpy as np
 import pinocchio as pin
 
-from jointstiff.schemas.fields import Message, validated
+from jointstiff.schemas.fields import Message, validate_list
 from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.measurement import Rigid
 
 Built = TypeVar("Built", bound=Message)
 
 
-def rows(kind: type[Built], /, **columns: Sequence[Any] | np.ndarray[Any, Any]) -> list[Built]:
-    """Build one message of a kind for each row of a table.
+def build_messages(kind: type[Built], /, **columns: Sequence[Any] | np.ndarray[Any, Any]) -> list[Built]:
+    """Build one message of a class for each row of a table that is stated by its columns.
 
     Args:
         kind: class of the messages.
-        columns: values of each field, by its name; all columns have the same length.
+        columns: list of values of each field of the messages, by the field's name; all have the same length.
     """
-    return validated(kind, table(**columns))
+    return validate_list(kind, build_row_dictionaries(**columns))
 
 
-def table(**columns: Sequence[Any] | np.ndarray[Any, Any]) -> list[dict[str, Any]]:
-    """Return one dictionary of field names and values for each row of columns of equal length.
+def build_row_dictionaries(**columns: Sequence[Any] | np.ndarray[Any, Any]) -> list[dict[str, Any]]:
+    """Turn named columns of equal length into a list of rows, each a dictionary by the columns' names.
 
-    Arrays become lists, and numbers that are not finite become None.
+    In the rows, arrays become lists, and numbers that are not finite become None.
     """
     values = zip(*map(_to_json_list, columns.values()), strict=True)
     return [dict(zip(columns, row, strict=True)) for row in values]
 
 
-def finite(value: float | None) -> float | None:
+def finite_or_none(value: float | None) -> float | None:
     """Return a number as a plain float; None where the number is missing or not finite."""
     return None if value is None or not isfinite(value) else float(value)
 
@@ -70,13 +70,13 @@ def _to_json_value(value: object) -> object:
         return value.item()
     if isinstance(value, tuple | list) and not hasattr(value, "_fields"):
         return [_to_json_value(item) for item in value]
-    raise TypeError(f"{type(value).__name__} is no part of a message")
+    raise TypeError(f"a value of type {type(value).__name__} cannot be written to JSON")
 
 
-def stated_kinds(names: Iterable[str], kinds: Iterable[JointKind]) -> dict[str, JointKind]:
-    """Return the kind of each joint by its name; an empty dictionary where all joints are revolute.
+def list_joint_kinds(names: Iterable[str], kinds: Iterable[JointKind]) -> dict[str, JointKind]:
+    """Return the kind (revolute or prismatic) of each joint by the joint's name.
 
-    Results leave the kinds out in that case.
+    Results do not list the kinds if all joints are revolute: the dictionary is then empty.
     """
     by_name = dict(zip(names, kinds, strict=True))
     return by_name if "prismatic" in by_name.values() else {}

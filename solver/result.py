@@ -26,11 +26,11 @@ from jointstiff.solver.estimation.estimate import (
     predict,
 )
 from jointstiff.solver.estimation.joints import JointsAlone
-from jointstiff.solver.links.choice import judge_losses, judge_penalty
+from jointstiff.solver.links.choice import report_losses, report_penalty
 from jointstiff.solver.links.competition import Competition, Elastic, Winner
-from jointstiff.solver.links.fit import with_links
+from jointstiff.solver.links.fit import replace_by_effective
 from jointstiff.solver.mechanics.measurements import Measurements
-from jointstiff.solver.messages import finite, rows, stated_kinds
+from jointstiff.solver.messages import build_messages, finite_or_none, list_joint_kinds
 from jointstiff.solver.predict.answers import build_stored_model
 from jointstiff.solver.predict.models import (
     ElasticPredictor,
@@ -49,7 +49,7 @@ _OUTLYING: Final = frozenset({"residual_outlier", "deflection_unexplained"})
 
 @dataclass(frozen=True, eq=False)
 class RunOutcome:
-    """Outcome of an identification: the model, compliances with their intervals, and the evidence."""
+    """Outcome of an identification: the model, the compliances with intervals, and the evidence for them."""
 
     estimate: Estimate  #: compliances of the joints; effective ones where links bend
     prediction: Prediction  #: prediction of the same readings, as far as the evidence supports it
@@ -63,23 +63,23 @@ class RunOutcome:
 
 
 def report_joints_alone(joints: JointsAlone, screening: Screening, choice: ModelChoice) -> RunOutcome:
-    """Report a model in which only joints bend; the model error widens its intervals where it does not fit.
+    """Build the outcome of a run in which only joints bend.
+
+    Where this model does not fit the readings, the model error widens the intervals of the compliances.
 
     Args:
         joints: fit of the joints alone.
-        screening: tests of the residuals, with the gain on held-out postures if models were compared.
-        choice: why only joints are taken to bend.
+        screening: tests of the residuals; if models were compared, also how much better links predict
+            held-out postures.
+        choice: message that explains why only joints are assumed to bend.
 
     Raises:
         JointstiffError: as `JointsAlone.estimate` does.
     """
-    robot, measurements, settings, estimate = (
-        joints.robot,
-        joints.measurements,
-        joints.settings,
-        joints.estimate,
-    )
-    model, left_out = JointModel.of(robot, estimate, settings.constraints), None
+    robot, measurements = joints.robot, joints.measurements
+    settings, estimate = joints.settings, joints.estimate
+    model = JointModel.from_estimate(robot, estimate, settings.constraints)
+    left_out = None  # refits without a posture; None if they fail
     error: ModelError | JointstiffError
     try:
         error = leave_postures_out(robot, measurements, settings, estimate, model)
@@ -87,16 +87,16 @@ def report_joints_alone(joints: JointsAlone, screening: Screening, choice: Model
     except JointstiffError as none:  # the run is valid without a model error; predictions state the reason
         error = none
     lacks = screening.lack_of_fit and joints.are_sound
-    budget = UncertaintyBudget.of(estimate, settings.confidence, left_out, lack_of_fit=lacks)
+    budget = UncertaintyBudget.from_estimate(estimate, settings.confidence, left_out, lack_of_fit=lacks)
     if budget is not None and lacks:
-        estimate = budget.widened(estimate, settings.bounds)
+        estimate = budget.widen_intervals(estimate, settings.bounds)
     prediction = predict(
         robot, measurements, estimate.compliance, balanced=estimate.balanced, estimated=estimate.estimated
     )
     assessment = assess(joints, estimate, prediction, screening)
     return RunOutcome(
         estimate,
-        assessment.supported(prediction),
+        assessment.drop_meaningless_numbers(prediction),
         assessment,
         (*joints.noticed, *assessment.remarks),
         build_stored_model(model, error),
@@ -109,25 +109,26 @@ def report_joints_alone(joints: JointsAlone, screening: Screening, choice: Model
 def report_elastic_model(
     joints: JointsAlone, competition: Competition, winner: Winner, elastic: Elastic, screening: Screening
 ) -> RunOutcome:
-    """Report the elastic model that won the competition with joints alone, fitted to the whole set.
+    """Build the outcome of a run whose elastic model predicts held-out postures better than joints alone.
 
     Args:
         joints: fit of the joints alone.
         competition: comparison of the models.
-        winner: best model on held-out postures.
-        elastic: fit of that model to all readings.
+        winner: model that predicts held-out postures best.
+        elastic: fit of this model to all readings.
         screening: tests of the residuals of joints alone.
     """
     robot, measurements, fitted = joints.robot, joints.measurements, elastic.estimate
-    estimate = with_links(joints.estimate, fitted, elastic.effective)
+    estimate = replace_by_effective(joints.estimate, fitted, elastic.effective)
     assessment = assess(joints, estimate, fitted.prediction, screening)
+    # Outliers of joints alone are kept only if links leave these readings unexplained, too.
     outlying = any(reason.code in _OUTLYING for reason in assessment.reasons)
     warnings = [each for each in joints.noticed if outlying or each.code != "residual_outlier"]
     warnings += assessment.remarks
     if not competition.penalty_is_given:
-        warnings += judge_penalty(winner.held_out.penalty or fitted.penalty, fitted.penalty)
+        warnings += report_penalty(winner.held_out.penalty or fitted.penalty, fitted.penalty)
         if competition.loss_is_automatic:
-            warnings += judge_losses(int(measurements.present.sum()))
+            warnings += report_losses(int(measurements.present.sum()))
     error: ModelError | JointstiffError
     try:
         error = leave_folds_out(robot, measurements, fitted)
@@ -138,7 +139,7 @@ def report_elastic_model(
         fitted.prediction,
         assessment,
         tuple(warnings),
-        build_stored_model(ElasticPredictor.of(robot, fitted), error),
+        build_stored_model(ElasticPredictor.from_estimate(robot, fitted), error),
         describe_choice_by_comparison(winner, screening),
         screening,
         links=LinksResult(
@@ -158,12 +159,12 @@ def report_elastic_model(
 
 
 def describe_choice_of_joints(options: RunOptions, screening: Screening, excluded: str | None) -> ModelChoice:
-    """Explain in a message why only joints are taken to bend, where no models were compared.
+    """Build the message that explains why only joints are assumed to bend, where no models were compared.
 
     Args:
         options: options of the run.
         screening: tests of the residuals of joints alone.
-        excluded: option that rules out elastic links; None where no option does.
+        excluded: name of the option that rules out elastic links; None if no option does.
     """
     loss: Loss = "huber" if options.loss == "huber" else "squared"
     p = f"F test of links added to the joints: p = {screening.links_p_value:.1g}"
@@ -185,7 +186,12 @@ def describe_choice_of_joints(options: RunOptions, screening: Screening, exclude
 
 
 def describe_choice_by_comparison(winner: Winner, screening: Screening) -> ModelChoice:
-    """Explain in a message which model was chosen on held-out postures, with the scores of all models."""
+    """Build the message that names the model chosen by its errors on held-out postures, with all scores.
+
+    Args:
+        winner: chosen model, with the comparison of all models.
+        screening: tests of the residuals of joints alone.
+    """
     selection, chosen, elastic = winner.selection, winner.held_out, winner.elastic
     intervals = None if elastic is None else elastic.intervals
     name, gain = chosen.model.replace("_", " ").capitalize(), selection.gain
@@ -223,11 +229,11 @@ def describe_choice_by_comparison(winner: Winner, screening: Screening) -> Model
                 compensation=each.compensation,
                 standard_error=each.standard_error,
                 by_fold=each.by_fold.tolist(),
-                mean_residual=finite(each.mean_residual),
+                mean_residual=finite_or_none(each.mean_residual),
             )
             for each in selection.models
         ],
-        losses={scored.model: selection.of(scored.model).loss for scored in selection.models},
+        losses={scored.model: selection.find_held_out(scored.model).loss for scored in selection.models},
         best=selection.best,
         simplest=selection.simplest,
     )
@@ -239,23 +245,23 @@ def build_run_result(
     advice: Sequence[runs.Advice] = (),
     resampling: runs.ResamplingResult | None = None,
 ) -> RunResult:
-    """Build the result of a run as a message.
+    """Build the message of a run's result.
 
     Args:
         found: outcome of the identification.
         measurements: readings of the run.
-        advice: readings that would help most.
+        advice: further readings that would reduce the uncertainties most.
         resampling: statistics of resampled fits; None without resampling.
     """
     estimate, prediction, assessment = found.estimate, found.prediction, found.assessment
     names, kinds = [joint.name for joint in estimate.joints], [joint.kind for joint in estimate.joints]
     contributions: list[runs.Contribution] = []
     if prediction.contributions is not None:
-        contributions = rows(runs.Contribution, joint=names, **vars(prediction.contributions))
+        contributions = build_messages(runs.Contribution, joint=names, **vars(prediction.contributions))
     robust = estimate.robust
     return RunResult(
-        assessment=stated_assessment(assessment, estimate.joints),
-        joint_kinds=stated_kinds(names, kinds),
+        assessment=build_assessment_message(assessment, estimate.joints),
+        joint_kinds=list_joint_kinds(names, kinds),
         joints=list(build_joint_results(assessment, estimate.joints)),
         compensation=prediction.compensation,
         rms_residual=prediction.rms_residual,
@@ -284,14 +290,14 @@ def build_run_result(
 def build_joint_results(
     assessment: Assessment, joints: Sequence[JointCompliance]
 ) -> Iterator[runs.JointResult]:
-    """Yield the result of each joint as a message.
+    """Yield the message of each joint's result.
 
-    If the assessment says not to use the result, the lower limit of the stiffness is taken out of the reason.
+    If the assessment says not to use the result, the reason does not state the lower limit of the stiffness.
     """
     for joint, verdict in zip(joints, assessment.joints, strict=True):
         reason = joint.reason
         if reason is not None and assessment.verdict == "do_not_use":
-            reason = reason.removeprefix(joint.limit)
+            reason = reason.removeprefix(joint.limit)  # the limit in words, with which the reason begins
         yield runs.JointResult(
             name=joint.name,
             kind=joint.kind,
@@ -303,24 +309,24 @@ def build_joint_results(
             compliance_interval=joint.compliance_interval,
             stiffness_interval=joint.stiffness_interval,
             stiffness_at_least=joint.stiffness_at_least,
-            prior_to_data=finite(joint.prior_to_data),
+            prior_to_data=finite_or_none(joint.prior_to_data),
             reason=reason,
         )
 
 
-def stated_assessment(judgement: Assessment, joints: Sequence[JointCompliance]) -> StatedAssessment:
-    """Return an assessment as a message: verdict, reasons, and the number of identified joints."""
+def build_assessment_message(assessment: Assessment, joints: Sequence[JointCompliance]) -> StatedAssessment:
+    """Convert an assessment to a message: verdict, reasons, notes, and the number of identified joints."""
     return StatedAssessment(
-        verdict=judgement.verdict,
-        reasons=list(judgement.reasons),
-        joints_identified=runs.found_in(joints),
+        verdict=assessment.verdict,
+        reasons=list(assessment.reasons),
+        joints_identified=runs.count_identified_joints(joints),
         joint_count=len(joints),
-        notes=list(judgement.notes),
+        notes=list(assessment.notes),
     )
 
 
 def _build_goodness(estimate: Estimate) -> runs.Goodness:
-    """Return χ², its degrees of freedom and the test of sigma as a message."""
+    """Build the message of the goodness of fit: χ², its degrees of freedom, and the test of sigma."""
     test = estimate.sigma_test
     return runs.Goodness(
         chi_square=estimate.chi_square,
@@ -332,11 +338,11 @@ def _build_goodness(estimate: Estimate) -> runs.Goodness:
 
 
 def _build_identifiability(estimate: Estimate, advice: Sequence[runs.Advice]) -> runs.Identifiability:
-    """Return as a message how well the readings determine the parameters."""
+    """Build the message that states how well the readings determine the parameters, with advice."""
     return runs.Identifiability(
         parameters=estimate.parameters,
         rank=estimate.rank,
-        condition_number=finite(estimate.condition_number),
+        condition_number=finite_or_none(estimate.condition_number),
         combinations=estimate.combinations,
         observability=estimate.observability_indices,
         advice=list(advice),
@@ -344,7 +350,7 @@ def _build_identifiability(estimate: Estimate, advice: Sequence[runs.Advice]) ->
         stages=[
             runs.StageIdentifiability(
                 rank=stage.rank,
-                condition_number=finite(stage.condition_number),
+                condition_number=finite_or_none(stage.condition_number),
                 singular_values=stage.singular_values.tolist(),
             )
             for stage in estimate.identifiability
@@ -353,21 +359,21 @@ def _build_identifiability(estimate: Estimate, advice: Sequence[runs.Advice]) ->
 
 
 def _build_complementary_stiffness(size: ComplementaryStiffness | None) -> runs.ComplementaryStiffness | None:
-    """Return the size of the complementary stiffness K_c as a message; None where it is unknown."""
+    """Build the message of the size of the complementary stiffness K_c; None if the size is unknown."""
     if size is None:
         return None
     return runs.ComplementaryStiffness(
         included=size.included,
         iterations=size.iterations,
         largest_ratio=size.largest_ratio,
-        largest_shift=finite(size.largest_shift),
+        largest_shift=finite_or_none(size.largest_shift),
     )
 
 
 def _build_residuals(prediction: Prediction, measurements: Measurements) -> list[runs.Residual]:
-    """Return measured and predicted deflection of each reading as messages."""
+    """Build one message for each reading: measured and predicted deflection, and their difference."""
     i, t = np.nonzero(measurements.present)
-    return rows(
+    return build_messages(
         runs.Residual,
         observation=np.array(measurements.labels)[i],
         target=np.array(measurements.targets)[t],
@@ -380,13 +386,16 @@ def _build_residuals(prediction: Prediction, measurements: Measurements) -> list
 def _build_encoder_residuals(
     prediction: Prediction, measurements: Measurements, names: Sequence[str]
 ) -> list[runs.EncoderResidual]:
-    """Return measured and predicted deflection of each encoder reading; an empty list without encoders."""
+    """Build one message for each encoder reading: measured and predicted deflection of the joint.
+
+    The list is empty if no encoder was read.
+    """
     encoders = measurements.encoders
     if encoders is None or prediction.encoders is None:
         return []
     k, j = np.nonzero(encoders.present)
     read, predicted = encoders.deflection[k, j], prediction.encoders[k, j]
-    return rows(
+    return build_messages(
         runs.EncoderResidual,
         observation=np.array(measurements.labels)[k],
         joint=np.array(names)[j],
@@ -397,15 +406,15 @@ def _build_encoder_residuals(
 
 
 def list_suspicious_readings(estimate: Estimate, measurements: Measurements) -> list[runs.SuspiciousReading]:
-    """Return at most `MAX_SUSPICIOUS` readings that the Huber loss suspects, worst first.
+    """Build messages of readings with low weight in the Huber loss: at most `MAX_SUSPICIOUS`, worst first.
 
-    The list is empty for the squared loss.
+    The list is empty for a fit with the squared loss.
     """
     robust = estimate.robust
     if robust is None:
         return []
     i, t = robust.suspicious[:MAX_SUSPICIOUS].T
-    return rows(
+    return build_messages(
         runs.SuspiciousReading,
         observation=np.array(measurements.labels)[i],
         target=np.array(measurements.targets)[t],
@@ -429,16 +438,18 @@ _LACK_OF_FIT: Final = {
 def build_budget_message(
     budget: UncertaintyBudget | None, names: Sequence[str], reasons: Iterable[Finding]
 ) -> runs.Budget | None:
-    """Return the uncertainty budget of the joints with an estimate as a message; None without a budget.
+    """Build the message of the uncertainty budget of all joints that have an estimate.
 
     Args:
-        budget: contributions to the uncertainty of all joints.
+        budget: contributions to the uncertainties; None gives None.
         names: names of all joints.
-        reasons: reasons of the assessment; some of them show a lack of fit, which the budget leaves out.
+        reasons: reasons of the assessment; some of them show a lack of fit, which is not in the budget.
     """
     if budget is None:
         return None
-    shown, factor, spread = budget.joints, budget.coverage_factor, budget.spread
+    shown, factor = budget.joints, budget.coverage_factor
+    # The rows of the spread are the components, the sum of the included components, and the sum of all.
+    spread = budget.spread
     lacks = any(each.code in _LACK_OF_FIT or each.weight == "do_not_use" for each in reasons)
     uncertainty, correlation = spread.uncertainty[:, shown], spread.correlation[:, shown][..., shown]
     missing: list[runs.BudgetGap] = []
@@ -453,7 +464,7 @@ def build_budget_message(
                 source=part.source,
                 evaluation=part.evaluation,
                 included=part.included,
-                degrees_of_freedom=finite(part.degrees_of_freedom),
+                degrees_of_freedom=finite_or_none(part.degrees_of_freedom),
                 contributions=own.tolist(),
                 correlation=between.tolist(),
             )

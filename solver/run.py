@@ -19,13 +19,13 @@ import numpy.typing as npt
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import RunResult
-from jointstiff.solver.design.plan import advise
+from jointstiff.solver.design.plan import advise_next_readings
 from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.estimation.causes import fit_causes
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Loss, Settings
 from jointstiff.solver.estimation.resampling import Draws
-from jointstiff.solver.links.competition import Competition, Winner, excluded_option
+from jointstiff.solver.links.competition import Competition, Winner, find_excluding_option
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.own_weight.run import run_by_weight
@@ -57,9 +57,9 @@ def run(
         RequestError: the readings or the robot cannot support what is requested.
         JointstiffError: there is no result, and why.
     """
-    work = Identification(robot, measurements, options, noticed)
-    long = work.long
-    return work.conclude([] if long is None else [long.compute(span) for span in long.steps()])
+    identification = Identification(robot, measurements, options, noticed)
+    long = identification.long
+    return identification.conclude([] if long is None else [long.compute(span) for span in long.steps()])
 
 
 class Identification:
@@ -73,7 +73,7 @@ class Identification:
     def __init__(
         self, robot: Robot, measurements: Measurements, options: RunOptions, noticed: Sequence[Finding] = ()
     ) -> None:
-        """Check the request, and identify the joints if the model is to be chosen automatically.
+        """Check the request; if the model is to be chosen automatically, also identify the joints.
 
         Args:
             robot: n joints.
@@ -89,8 +89,8 @@ class Identification:
         self.long: Draws | Competition | None = None
         if options.weight is None:
             causes = [cause.pair for cause in options.causes]
-            self._measurements = fit_causes(robot, measurements.with_loads(), causes)
-            self._settings = Settings.of(options, robot)
+            self._measurements = fit_causes(robot, measurements.require_loads(), causes)
+            self._settings = Settings.from_options(options, robot)
             self.long = self._competition
             if self.long is None and options.resampling is not None:
                 self.long = Draws(self._joints, options.resampling)
@@ -102,35 +102,37 @@ class Identification:
 
     @cached_property
     def _excluded(self) -> str | None:
-        """Name of the option that rules out elastic links in an automatic choice; None if no option does."""
+        """Name of the option that rules out elastic links in an automatic choice; None if there is none."""
         if self._options.elasticity != "automatic":
             return None
-        return excluded_option(self._options, self._settings, self._robot, self._measurements)
+        return find_excluding_option(self._options, self._settings, self._robot, self._measurements)
 
     @cached_property
     def _competition(self) -> Competition | None:
-        """Competition of elastic models with joints alone; None where no comparison is wanted or useful."""
+        """Comparison of elastic models with joints alone; None if options or readings exclude links."""
         options = self._options
         if options.elasticity == "joints":
             return None
-        if options.elasticity == "automatic" and (self._excluded is not None or not self._more_may_bend()):
+        if options.elasticity == "automatic" and (
+            self._excluded is not None or not self._links_or_base_may_bend()
+        ):
             return None
         return Competition(self._joints, options)
 
-    def _more_may_bend(self) -> bool:
-        """Return whether links or base seem to bend, and the readings hold no gross mistake.
+    def _links_or_base_may_bend(self) -> bool:
+        """Return whether links or base seem to bend, and the readings contain no gross mistake.
 
         A gross mistake in the readings leaves residuals that look like those of elastic links.
         """
         try:
             screening = self._joints.screening
-            speaks = screening.links_speak or screening.base_speaks
+            bends = screening.links_need_validation or screening.base_needs_validation
         except JointstiffError:  # the run fails when it is carried out, and says why
             return False
-        return speaks and self._joints.are_sound
+        return bends and self._joints.are_sound
 
     def conclude(self, parts: Sequence[Arrays]) -> RunResult:
-        """Return the result of the run.
+        """Compute the result of the run from the arrays of its long part.
 
         Args:
             parts: arrays that the steps of the long part computed, in the order of the steps; empty for a
@@ -142,19 +144,19 @@ class Identification:
         if self._options.weight is not None:
             return run_by_weight(self._robot, self._measurements, self._options, self._noticed)
         if isinstance(self.long, Competition):
-            found = self._report_winner(self.long, self.long.winner(parts))
+            outcome = self._report_winner(self.long, self.long.winner(parts))
         else:
             screening = replace(self._joints.screening, comparable=self._excluded is None)
             choice = describe_choice_of_joints(self._options, screening, self._excluded)
-            found = report_joints_alone(self._joints, screening, choice)
+            outcome = report_joints_alone(self._joints, screening, choice)
         # The gain of another reading is known only if the readings hold no mistake and only joints bend.
-        usable = found.assessment.verdict != "do_not_use" and found.links is None
-        advice = advise(self._robot, self._measurements, found.estimate) if usable else ()
-        drawn = self.long.statistics(parts) if isinstance(self.long, Draws) else None
-        return build_run_result(found, self._measurements, advice, drawn)
+        usable = outcome.assessment.verdict != "do_not_use" and outcome.links is None
+        advice = advise_next_readings(self._robot, self._measurements, outcome.estimate) if usable else ()
+        resampling = self.long.statistics(parts) if isinstance(self.long, Draws) else None
+        return build_run_result(outcome, self._measurements, advice, resampling)
 
     def _report_winner(self, competition: Competition, winner: Winner) -> RunOutcome:
-        """Report the model that won the comparison: joints with the better loss, or an elastic model."""
+        """Build the outcome of the best model: an elastic model, or joints alone with the better loss."""
         screening = replace(competition.screening, gain=winner.selection.gain)
         if winner.elastic is not None:
             return report_elastic_model(self._joints, competition, winner, winner.elastic, screening)

@@ -34,7 +34,7 @@ def length_text(length: float) -> str:
 
 
 def unknowns_text(unit: str, values: Sequence[float]) -> str:
-    """Format fitted unknowns for people.
+    """Format fitted unknowns with their unit for people, such as "(12, -3) µm".
 
     Args:
         unit: SI unit of the values; "m, rad" for three shifts and then three turns, "1" for relative scales.
@@ -51,18 +51,18 @@ def unknowns_text(unit: str, values: Sequence[float]) -> str:
 
 
 def _join_scaled(factor: float, values: Sequence[float]) -> str:
-    """Return values times a factor, separated by commas."""
+    """Return values, multiplied by a factor, as text separated by commas."""
     return ", ".join(f"{factor * value:.3g}" for value in values)
 
 
-def rounded_down(limit: float) -> float:
-    """Round a positive lower limit down to three significant digits."""
+def round_down(limit: float) -> float:
+    """Round a positive number down to three significant digits, so that a lower limit stays one."""
     step = 10.0 ** (floor(log10(limit)) - 2)
     return floor(limit / step) * step
 
 
 def posture_text(positions: Sequence[float], kinds: Sequence[JointKind], decimals: int = 0) -> str:
-    """Format the positions of joints [rad or m] for people: (10, -20)°, or (10°, 250 mm) with slides."""
+    """Format joint positions [rad or m] for people: (10, -20)°, or (10°, 250 mm) with prismatic joints."""
     angles = [f"{degrees(value):.{decimals}f}" for value in positions]
     if "prismatic" not in kinds:
         return f"({', '.join(angles)})°"
@@ -74,7 +74,7 @@ def posture_text(positions: Sequence[float], kinds: Sequence[JointKind], decimal
 
 
 def stiffness_text(stiffness: float, kind: JointKind) -> str:
-    """Format the stiffness of a joint [N·m/rad, or N/m of a slide] for people, with a suitable unit."""
+    """Format a stiffness for people, with a suitable unit: [N·m/rad], or [N/m] of a prismatic joint."""
     units, size = JOINT_UNITS[kind], float(f"{abs(stiffness):.3g}")  # rounded as in the text
     plain = units.stiffness.replace(".", "·")
     if size >= 1e9:

@@ -46,7 +46,7 @@ from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.service.api.bodies import parse_body
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
 from jointstiff.service.importing.reading import SourceFile
-from jointstiff.service.problems import invalid_request
+from jointstiff.service.problems import problem_from_faults
 from jointstiff.service.resources.imports import import_files
 from jointstiff.simulator.sweeps import TrackedArm
 from tests.support.memory import peak_of
@@ -106,7 +106,7 @@ def _validated(body: bytes) -> None:
     try:
         parse_body(MeasurementSetRequest, body)
     except RequestValidationError as error:
-        invalid_request(error.errors())
+        problem_from_faults(error.errors())
         raise
 
 

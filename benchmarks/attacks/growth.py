@@ -106,7 +106,7 @@ def _seconds(read: Callable[[str], None], text: str) -> float:
 def _parse(module: ModuleType, text: str) -> None:
     with suppress(Misread):
         module.LANGUAGE.translate(module.LANGUAGE.numbers.sub("\0", text))
-    Numerals.of(text, module.LANGUAGE.number)
+    Numerals.from_text(text, module.LANGUAGE.number)
 
 
 def _read_loads(text: str) -> None:

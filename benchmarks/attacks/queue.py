@@ -54,9 +54,9 @@ _STOPS: Final = """
 import os, pathlib, signal, sys
 if "jointstiff.service.workers" in sys.orig_argv:
     from jointstiff.service.store import jobs
-    mark, before = pathlib.Path({mark!r}), jobs.inserting
+    mark, before = pathlib.Path({mark!r}), jobs.insert_unless_present
 
-    def inserting(connection, table):
+    def insert_unless_present(connection, table):
         try:
             mark.touch(exist_ok=False)
         except FileExistsError:
@@ -65,7 +65,7 @@ if "jointstiff.service.workers" in sys.orig_argv:
         os.kill(os.getpid(), signal.SIGSTOP)
         return before(connection, table)
 
-    jobs.inserting = inserting
+    jobs.insert_unless_present = insert_unless_present
 """
 """Code by which the first worker that keeps a step is stopped inside its transaction."""
 

@@ -19,7 +19,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.predict.answers import MapTask, map_places, map_postures, tool_rotations
+from jointstiff.solver.predict.answers import MapTask, compute_tool_rotations, map_places, map_postures
 from jointstiff.solver.predict.models import JointModel
 
 __all__ = ["run"]
@@ -39,7 +39,9 @@ def run(*, quick: bool) -> list[Section]:
     places, looped = (500, 50) if quick else (PLACES, LOOPED)
     campaign = small_campaign()
     robot, settings = campaign.robot, default_settings(campaign.robot)
-    model = JointModel.of(robot, identify(robot, campaign.measurements, settings), settings.constraints)
+    model = JointModel.from_estimate(
+        robot, identify(robot, campaign.measurements, settings), settings.constraints
+    )
     task, area = _task(), _area(places)
     inverse = InverseKinematics(robot)
     start = perf_counter()
@@ -78,7 +80,7 @@ def run(*, quick: bool) -> list[Section]:
 
 
 def _task() -> MapTask:
-    rotation = tool_rotations(np.array([0.0, 0.0, 1.0]), np.array([[0.0, 0.0, -1.0]]), 1)
+    rotation = compute_tool_rotations(np.array([0.0, 0.0, 1.0]), np.array([[0.0, 0.0, -1.0]]), 1)
     force = _FORCE[None]
     wrench = force, 0.0 * force, force / np.linalg.norm(force)
     return MapTask(rotation, *wrench, _TOOL, _TOOL, np.tile([-np.inf, np.inf], (6, 1)), None, 0.95)

@@ -22,7 +22,7 @@ from jointstiff.solver.design.optimum import (
     Design,
     DesignProblem,
     DOptimality,
-    optimise,
+    optimise_design,
 )
 
 __all__ = ["run"]
@@ -74,7 +74,7 @@ def run(*, quick: bool) -> list[Section]:
 
 
 def _weights(pool: Pool, name: str) -> Design:
-    return optimise(pool.problem(name))
+    return optimise_design(pool.problem(name))
 
 
 def _against_cvxpy(pool: Pool, rounds: int) -> Section:

@@ -17,7 +17,13 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.problem import Bounds
-from jointstiff.solver.estimation.resampling import MethodStacks, Resamples, draws_of, method_stacks, resample
+from jointstiff.solver.estimation.resampling import (
+    MethodStacks,
+    Resamples,
+    build_method_stacks,
+    draw_configurations,
+    resample,
+)
 
 __all__ = ["run"]
 
@@ -108,7 +114,7 @@ def _blocks(campaign: Campaign, settings: Settings) -> MethodStacks:
     """Return the blocks for resampling, after the identification of the full set without bounds."""
     whole = replace(settings, bounds=Bounds.unconstrained(campaign.robot.n))
     estimate = identify(campaign.robot, campaign.measurements, whole)
-    return method_stacks(campaign.robot, campaign.measurements, whole, estimate)
+    return build_method_stacks(campaign.robot, campaign.measurements, whole, estimate)
 
 
 def _one_by_one(
@@ -128,7 +134,7 @@ def _one_by_one(
 def _subsets(blocks: MethodStacks, plan: Resampling) -> list[list[_Rows]]:
     """Ready-made rows of every subset, stage by stage: the solver's own, equilibrated, as peers like them."""
     found = []
-    for drawn in draws_of(plan, len(blocks), 0, plan.repetitions):
+    for drawn in draw_configurations(plan, len(blocks), 0, plan.repetitions):
         stages: list[_Rows] = []
         for stage in blocks.stages:
             rows, p = stage.stack[drawn].flat, len(stage.joints)

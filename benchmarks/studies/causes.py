@@ -151,7 +151,7 @@ class _Outcome:
 
 def _outcome(arm: SpringArm, read: Measurements) -> _Outcome:
     robot = robot_of(arm)
-    settings = Settings.of(RunOptions(), robot)
+    settings = Settings.from_options(RunOptions(), robot)
     estimate = identify(robot, read, settings)
     screening = screen_estimate(robot, read, estimate)
     named = [(cause.suspect.name, cause.suspect.first) for cause in screening.causes]
@@ -165,7 +165,7 @@ def _outcome(arm: SpringArm, read: Measurements) -> _Outcome:
         if joint.compliance_interval is not None
     ]
     covered = sum(low <= c <= high for (low, high), c in ends)
-    return _Outcome(tuple(name for name, _ in named), screening.links_speak, covered, len(ends))
+    return _Outcome(tuple(name for name, _ in named), screening.links_need_validation, covered, len(ends))
 
 
 def run(*, quick: bool, part: Part) -> list[Section]:
@@ -216,6 +216,6 @@ def _clean(seed: int) -> _Outcome:
     read = _read(Planted(design.loaded, design), generator, sigma=True)
     if seed % 2:
         sheet = Instrument((4.0, 1.0, 1.5), 3e-6, 1e-6, 1e-5, 5e-6)
-        noise = DifferenceNoise.by(sheet, robot_of(design.arm), read)
+        noise = DifferenceNoise.from_instrument(sheet, robot_of(design.arm), read)
         read = replace(read, sigma=noise.sigma, covariance=noise.covariance)
     return _outcome(design.arm, read)

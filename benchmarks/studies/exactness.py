@@ -15,7 +15,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation.problem import Bounds, IdentificationProblem
 from jointstiff.solver.estimation.solution import Solution, solve, solve_step
-from jointstiff.solver.estimation.triangle import triangle_of
+from jointstiff.solver.estimation.triangle import compute_triangular_factor
 from tests.reference.exact_nnls import exact_nnls
 from tests.reference.exact_problems import (
     MOST_ACTIVE,
@@ -104,7 +104,7 @@ def _outcome(problem: Problem, solver: Callable[[IdentificationProblem], Solutio
     """Solve as identify does, compression included, and exactly."""
     exact = exact_nnls(problem.A, problem.b)
     active = sum(value == 0 for value in exact)
-    R = triangle_of(np.column_stack([problem.A, problem.b]))
+    R = compute_triangular_factor(np.column_stack([problem.A, problem.b]))
     try:
         solution = solver(IdentificationProblem(R[:, :-1], R[:, -1], Bounds.positive(len(exact))))
     except SolverError:

@@ -108,7 +108,7 @@ def _share_of_ball(
     """Return how far held-out readings are from their predictions, over the radii of the balls for 90 %."""
     error, place = leave_folds_out(robot, fitted, elastic), held.position[:, 0]  # in the flange frame
     cases = LoadCases(held.joints, held.force, held.moment, held.load_point, place.copy())
-    bent = ElasticPredictor.of(robot, elastic).deflect(cases)
+    bent = ElasticPredictor.from_estimate(robot, elastic).deflect(cases)
     off = np.linalg.norm(held.deflection[:, 0] - bent.displacement, axis=1)
     return np.asarray(off / error.bound(cases, bent.leverage, 0.9).radius)
 
@@ -118,7 +118,7 @@ def _cross_validated(robot: Robot, measurements: Measurements) -> float:
     folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation())
     models = [ElasticModel("joints_and_links", COLUMNS, loss) for loss in LOSSES]
     selection = select_model(folds, {model.key: fit_folds(folds, model, WEIGHTS) for model in models})
-    return 100 * selection.of("joints_and_links").compensation
+    return 100 * selection.find_held_out("joints_and_links").compensation
 
 
 def _best_loss(
@@ -133,7 +133,7 @@ def _best_loss(
     _, path, model = min(chosen, key=lambda each: each[0])
     if name == "joints":
         form = folds.formulation(model)
-        return form.compliances(form.joints_only()), None
+        return form.compliances(form.fit_joints_only()), None
     path = refine_path(folds, model, path)
     elastic = fit_first_certified(folds, model, path.weights[choose_weight_index(path.errors, "best") :])
     return elastic.entries, elastic

@@ -18,8 +18,8 @@ from jointstiff.schemas.live import LiveState, MeasurementSetPost
 from jointstiff.schemas.measurement import Observation
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.live.campaign import Declared, Entry, LiveCampaign
-from jointstiff.service.live.declaration import completed
+from jointstiff.service.live.campaign import Declaration, Entry, LiveCampaign
+from jointstiff.service.live.declaration import complete_targets_and_load_point
 from jointstiff.simulator import default_arm, robot_document
 from jointstiff.simulator.campaign import LOAD_POINT, TARGETS, SpringArm
 from jointstiff.simulator.elastic_links import beam_arm, elastic_deflections
@@ -128,7 +128,7 @@ class Reader:
         )
         if header.open is None:
             raise ValueError(self.row.name)
-        return LiveCampaign(Declared(robot, completed(header, header.open)))
+        return LiveCampaign(Declaration(robot, complete_targets_and_load_point(header, header.open)))
 
 
 def measured(reader: Reader) -> tuple[LiveCampaign, LiveState, int]:
@@ -143,7 +143,7 @@ def measured(reader: Reader) -> tuple[LiveCampaign, LiveState, int]:
         if state.state != "measuring" or state.next is None or len(campaign.observations) >= _MOST:
             return campaign, state, doubts
         observation = reader.read(state.next.label, state.next.joints, state.next.force)
-        campaign = campaign.with_entry(campaign.judged(observation))
+        campaign = campaign.with_entry(campaign.compare_with_prediction(observation))
 
 
 def _read_all(reader: Reader, joints: FloatArray, forces: FloatArray) -> LiveCampaign:
@@ -267,13 +267,13 @@ def named(mistake: str, seed: int) -> bool:
         if following is None:
             return False
         observation = reader.read(following.label, following.joints, following.force)
-        campaign = campaign.with_entry(campaign.judged(observation))
+        campaign = campaign.with_entry(campaign.compare_with_prediction(observation))
     following = campaign.next_reading()
     if following is None:
         return False
     other = campaign.observations[seed % len(campaign.observations)]
     wrong = plant(reader.read(following.label, following.joints, following.force), other)
-    found = campaign.judged(wrong).innovation
+    found = campaign.compare_with_prediction(wrong).innovation
     return found is not None and any(words in cause for cause in found.causes)
 
 

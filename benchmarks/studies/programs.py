@@ -12,8 +12,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from benchmarks.report import Figure, Section
-from jointstiff.service.kinds.program.work import Corrections, points_sheet, rewritten, unpacked
-from jointstiff.service.kinds.work import joined
+from jointstiff.service.kinds.program.work import (
+    Corrections,
+    decompress_file,
+    points_sheet,
+    write_compensated_program,
+)
+from jointstiff.service.kinds.work import concatenate_steps
 from jointstiff.service.programs.formats import read_program
 from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import equilibrium
@@ -47,14 +52,14 @@ def formats(robot: Robot, count: int) -> Iterator[tuple[str, ...]]:
             parsed = max(parsed, np.abs(notation.poses(numbers) - goal).max())
         digits = program_text(kind, goal, 3)
         same = work_of(kind, digits, load={"force": [0.0, 0.0, 0.0]}).conclude(())
-        identical = unpacked(same.files[0]) == digits.encode()
+        identical = decompress_file(same.files[0]) == digits.encode()
         result = work_of(kind, text, load=LOAD).conclude(())
         short = work_of(kind, digits, load=LOAD).conclude(())
         off = "-"
         if notation.has_pose:
-            new = read_program([(name, unpacked(result.files[0]))])
+            new = read_program([(name, decompress_file(result.files[0]))])
             poses = notation.poses(new.targets.values[:, : 3 + notation.count])
-            angles, _ = inverse.polished(poses @ np.linalg.inv(to_tool), joints)
+            angles, _ = inverse.refine(poses @ np.linalg.inv(to_tool), joints)
             off = (
                 f"{np.linalg.norm(loaded_poses(angles, FORCE)[:, :3, 3] - goal[:, :3, 3], axis=1).max():.1e}"
             )
@@ -100,11 +105,11 @@ def timing(robot: Robot, count: int) -> list[tuple[str, float]]:
     lap("read")
     made = work._path
     lap("postures")
-    found = Corrections(**joined(map(work.compute, work._spans())))
+    found = Corrections(**concatenate_steps(map(work.compute, work._spans())))
     lap("compensate")
-    _, points = rewritten(made, found, work._used.model, work._inverse, 2.0)
+    _, points = write_compensated_program(made, found, work._run_model.model, work._inverse, 2.0)
     lap("write and certify")
-    csv_text(points_sheet(points.table()))
+    csv_text(points_sheet(points.pack_table()))
     lap("table")
     return took
 

@@ -13,26 +13,26 @@ from fastapi.responses import StreamingResponse
 
 from jointstiff.schemas import access
 from jointstiff.schemas.fields import Page
-from jointstiff.service.api.answers import PartsOf
+from jointstiff.service.api.answers import InjectedParts
 from jointstiff.service.api.bodies import BodyRoute
 from jointstiff.service.security.access import ADMIN, PUBLIC, Gate, cookie_name, requester_of
-from jointstiff.service.security.keys import described, mint
+from jointstiff.service.security.keys import describe_key, mint
 from jointstiff.service.store.store import SESSION_LONGEST, Store
 from jointstiff.service.store.tables import AccessKey
-from jointstiff.service.tables.files import csv_rows, guarded
+from jointstiff.service.tables.files import csv_rows, escape_formula
 from jointstiff.solver.errors import RequestError
 
 KeyId = Annotated[str, Path(pattern=r"^[0-9a-f]{10}$")]
 
 
-def _access_gate(request: Request) -> Gate:
+def _get_access_gate(request: Request) -> Gate:
     """Return the gate of the application, which checks keys and sessions."""
     return cast("Gate", request.app.state.gate)
 
 
-GateOf = Annotated[Gate, Depends(_access_gate)]
+InjectedGate = Annotated[Gate, Depends(_get_access_gate)]
 _ENTRIES_PER_PAGE: Final = 1_000
-_TABLE: Final[dict[int | str, dict[str, Any]]] = {
+_AUDIT_RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
     200: {"description": "A page; or the table (RFC 4180, times in UTC).", "content": {"text/csv": {}}}
 }
 
@@ -41,17 +41,17 @@ router = APIRouter(prefix="/v1", tags=["access"], route_class=BodyRoute, depende
 
 
 @sessions.get("", response_model=access.Session)
-async def get_session(gate: GateOf, request: Request) -> access.Session:
+async def get_session(gate: InjectedGate, request: Request) -> access.Session:
     """Return who is answered, and whom the service takes the caller for. Needs no key."""
     key = requester_of(request).key
     browser, ends_at = (None, None) if gate.is_open else await gate.session(request)
     is_browser = key is not None and browser is not None and key.id == browser.id
-    return _session_state(gate, key, ends_at if is_browser else None)
+    return _describe_session(gate, key, ends_at if is_browser else None)
 
 
 @sessions.post("", status_code=201, response_model=access.Session)
 async def create_session(
-    gate: GateOf, request: Request, response: Response, body: access.SessionRequest
+    gate: InjectedGate, request: Request, response: Response, body: access.SessionRequest
 ) -> access.Session:
     """Sign a browser in with a key or a one-time link: the answer sets a cookie that scripts cannot read.
 
@@ -61,7 +61,7 @@ async def create_session(
     key, link = (None if one is None else one.get_secret_value() for one in (body.key, body.link))
     signed = await gate.sign_in(key, link, requester.address)
     requester.key = signed.key
-    await gate.sign_out(request)  # ends the session that the new cookie replaces
+    await gate.sign_out(request)  # ends the browser's old session, as the new cookie replaces the old one
     response.set_cookie(
         cookie_name(request),
         signed.token,
@@ -70,11 +70,11 @@ async def create_session(
         httponly=True,
         samesite="strict",
     )
-    return _session_state(gate, signed.key, signed.ends_at)
+    return _describe_session(gate, signed.key, signed.ends_at)
 
 
 @sessions.delete("", status_code=204, response_class=Response)
-async def delete_session(gate: GateOf, request: Request) -> Response:
+async def delete_session(gate: InjectedGate, request: Request) -> Response:
     """Sign the browser out: its session ends for good. One that is not signed in stays as it is."""
     await gate.sign_out(request)
     response = Response(status_code=204)
@@ -82,7 +82,7 @@ async def delete_session(gate: GateOf, request: Request) -> Response:
     return response
 
 
-def _session_state(gate: Gate, key: AccessKey | None, ends_at: datetime | None) -> access.Session:
+def _describe_session(gate: Gate, key: AccessKey | None, ends_at: datetime | None) -> access.Session:
     """Return the description of a session: access control, key with its role, and end; None without a key."""
     if key is None:
         return access.Session(access=gate.access, key_id=None, key_name=None, role=None, ends_at=None)
@@ -96,7 +96,7 @@ def _is_https(request: Request) -> bool:
 
 
 @router.post("/keys", status_code=201, response_model=access.Key)
-async def create_key(gate: GateOf, parts: PartsOf, body: access.KeyRequest) -> access.Key:
+async def create_key(gate: InjectedGate, parts: InjectedParts, body: access.KeyRequest) -> access.Key:
     """Make a key. Its text is in this answer and nowhere else; a post that is repeated makes another key."""
     now = datetime.now(UTC)
     if body.expires_at is not None and body.expires_at <= now:
@@ -106,47 +106,50 @@ async def create_key(gate: GateOf, parts: PartsOf, body: access.KeyRequest) -> a
     text, record = mint(body.name, body.role, now, body.expires_at)
     await run_sync(parts.store.keys.add, record)
     await run_sync(gate.keyring.look)  # valid in this process at once, in others when they read the keys next
-    return described(record).model_copy(update={"key": text})
+    return describe_key(record).model_copy(update={"key": text})
 
 
 @router.get("/keys", response_model=list[access.Key])
-async def list_keys(gate: GateOf) -> list[access.Key]:
+async def list_keys(gate: InjectedGate) -> list[access.Key]:
     """List all keys, those of the file and revoked ones, too, in the order in which they came."""
-    return gate.keyring.listing()
+    return gate.keyring.list_keys()
 
 
 @router.delete("/keys/{key_id}", response_model=access.Key)
-async def revoke_key(gate: GateOf, parts: PartsOf, key_id: KeyId) -> access.Key:
+async def revoke_key(gate: InjectedGate, parts: InjectedParts, key_id: KeyId) -> access.Key:
     """Revoke a key, and end its sessions. It stays in the list; to do so again changes nothing."""
     if gate.keyring.is_filed(key_id):
         raise HTTPException(409, "the key is in the file of keys: revoke it there")
     revoked = await run_sync(parts.store.keys.revoke, key_id, datetime.now(UTC))
     await run_sync(gate.keyring.look)  # valid in this process at once, in others when they read the keys next
-    return described(revoked)
+    return describe_key(revoked)
 
 
-@router.get("/audit", response_model=Page[access.AuditItem], responses=_TABLE)
+@router.get("/audit", response_model=Page[access.AuditItem], responses=_AUDIT_RESPONSES)
 def list_audit(
-    parts: PartsOf, query: Annotated[access.AuditQuery, Query()]
+    parts: InjectedParts, query: Annotated[access.AuditQuery, Query()]
 ) -> Page[access.AuditItem] | Response:
     """List all requests to change something, refused or not, newest first; or get all as a table."""
     if query.format == "csv":
         headers = {"Content-Disposition": 'attachment; filename="audit.csv"'}
         return StreamingResponse(
-            _write_audit_table(parts.store, query.key_id), media_type="text/csv", headers=headers
+            _iterate_audit_csv(parts.store, query.key_id), media_type="text/csv", headers=headers
         )
     page = parts.store.audit.page(query.limit, query.cursor, counted=True, key_id=query.key_id)
     items = [access.AuditItem(**asdict(entry)) for entry in page.records]
     return Page(items=items, next=page.next, total=page.total)
 
 
-def _write_audit_table(store: Store, key_id: str | None) -> Iterator[str]:
-    """Yield the audit as parts of a CSV table: its header, then page after page; of a key if one is given."""
+def _iterate_audit_csv(store: Store, key_id: str | None) -> Iterator[str]:
+    """Yield the audit as parts of a CSV table: the header, then one part for each page of entries.
+
+    With `key_id`, only entries about this key.
+    """
     yield csv_rows([list(access.AuditItem.model_fields)])
     page = store.audit.page(_ENTRIES_PER_PAGE, key_id=key_id)
     while True:
         rows = [{**asdict(entry), "at": entry.at.isoformat()} for entry in page.records]
-        yield csv_rows([guarded(value) for value in row.values()] for row in rows)
+        yield csv_rows([escape_formula(value) for value in row.values()] for row in rows)
         if page.next is None:
             return
         page = store.audit.page(_ENTRIES_PER_PAGE, page.next, key_id=key_id)

@@ -19,7 +19,7 @@ from starlette.requests import ClientDisconnect
 
 from jointstiff.schemas.finding import Problem
 from jointstiff.service.jobs import Parts
-from jointstiff.service.problems import StoreError, http_problem, invalid_request, problem_of
+from jointstiff.service.problems import StoreError, http_problem, problem_from_error, problem_from_faults
 from jointstiff.service.process import REQUEST_ID
 from jointstiff.solver.errors import JointstiffError
 
@@ -39,8 +39,8 @@ _TAG_PATTERN: Final = re.compile(r'"[^"]*"')
 """A tag in `If-None-Match`, weak or not (RFC 9110, section 13.1.2)."""
 _REMEDIES: Final = {
     404: "see /openapi.json for the existing addresses",
-    405: "see /openapi.json for the parameters of this address",
-    409: "check its `state` and its `error`",
+    405: "see /openapi.json for the methods of this address",
+    409: "check `state` and `error` of the resource",
     413: "send less in one request",
 }
 
@@ -57,11 +57,12 @@ LOCATION: Final[dict[int | str, dict[str, Any]]] = {201: {"description": "Stored
 _logger = logging.getLogger(__name__)
 
 
-def _parts_of_app(request: Request) -> Parts:
+def _get_parts_of_app(request: Request) -> Parts:
+    """Return the parts of the service, such as its store, from the application of a request."""
     return cast("Parts", request.app.state.parts)
 
 
-PartsOf = Annotated[Parts, Depends(_parts_of_app)]
+InjectedParts = Annotated[Parts, Depends(_get_parts_of_app)]
 
 
 def json_response(text: str, status: int = 200) -> Response:
@@ -75,19 +76,19 @@ def answer_with_tag(
     media_type: str = "application/json",
     headers: Mapping[str, str] | None = None,
 ) -> Response:
-    """Return a document with a tag of its content (ETag); 304 without content if the client has it already.
+    """Return an answer with a document and its hash as `ETag`; 304 without content if the client has it.
 
-    A large table, given as an iterator, is streamed without a tag.
+    A large table, handed over as an iterator, is streamed without a tag.
     """
-    given = dict(headers or {})
+    all_headers = dict(headers or {})
     if not isinstance(body, str | bytes):
-        return StreamingResponse(body, media_type=media_type, headers=given)
+        return StreamingResponse(body, media_type=media_type, headers=all_headers)
     content = body.encode() if isinstance(body, str) else body
-    given["ETag"] = tag = f'W/"{hashlib.sha256(content).hexdigest()[:32]}"'
+    all_headers["ETag"] = tag = f'W/"{hashlib.sha256(content).hexdigest()[:32]}"'
     known = request.headers.get("if-none-match", "")
     if known.strip() == "*" or tag.removeprefix("W/") in _TAG_PATTERN.findall(known):
-        return Response(status_code=304, headers=given)
-    return Response(content, media_type=media_type, headers=given)
+        return Response(status_code=304, headers=all_headers)
+    return Response(content, media_type=media_type, headers=all_headers)
 
 
 def answer_created(collection: str, identifier: str, text: str, status: int = 201) -> Response:
@@ -97,8 +98,11 @@ def answer_created(collection: str, identifier: str, text: str, status: int = 20
     return response
 
 
-def describe_accepted(message: type[BaseModel]) -> dict[int | str, dict[str, Any]]:
-    """Return the OpenAPI responses of a post of a job: 201 finished, 202 stored but not finished."""
+def describe_post_responses(message: type[BaseModel]) -> dict[int | str, dict[str, Any]]:
+    """Return the OpenAPI responses, by status, for posting a job: 201 if it has finished, 202 if not yet.
+
+    `message` is the class of the job in the answer.
+    """
     later = "Stored but not finished: poll its address, or follow its events at /v1/jobs."
     return LOCATION | {202: {"description": later, "headers": _ADDRESS, "model": message}}
 
@@ -117,35 +121,35 @@ def install_error_handlers(app: FastAPI) -> None:
 
 
 def answer_problem(problem: Problem, headers: dict[str, str] | None = None) -> Response:
-    """Return the answer with a problem document.
+    """Return the HTTP answer with a problem document (RFC 9457), status and headers.
 
     All headers are set here, because the answer to an unexpected error passes no middleware.
     """
     identifier = REQUEST_ID.get()
-    given = dict(headers or {})
+    more_headers = dict(headers or {})
     if problem.status in RETRY_SECONDS:
-        given["Retry-After"] = str(RETRY_SECONDS[problem.status])
+        more_headers["Retry-After"] = str(RETRY_SECONDS[problem.status])
     if problem.status == _UNAUTHORISED:
-        given["WWW-Authenticate"] = 'Bearer realm="jointstiff"'
+        more_headers["WWW-Authenticate"] = 'Bearer realm="jointstiff"'
     if identifier is not None:
-        given[REQUEST_ID_HEADER] = identifier
+        more_headers[REQUEST_ID_HEADER] = identifier
     return Response(
         problem.model_copy(update={"request_id": identifier}).model_dump_json(),
         problem.status,
         media_type="application/problem+json",
-        headers={**ANSWER_HEADERS, **given},
+        headers={**ANSWER_HEADERS, **more_headers},
     )
 
 
 def answer_error(error: JointstiffError | StoreError) -> Response:
     """Return the answer to an error of the project; errors of the service (5xx) are logged."""
-    problem = problem_of(error)
+    problem = problem_from_error(error)
     if problem.status >= 500:
         _logger.error("%s: %s", type(error).__name__, error)
     return answer_problem(problem)
 
 
-def _query_parameters(request: Request) -> list[str]:
+def _list_query_parameters(request: Request) -> list[str]:
     """Return the names of the query parameters of the route of a request.
 
     They are read from the route: building the OpenAPI description would block the event loop for seconds.
@@ -155,7 +159,7 @@ def _query_parameters(request: Request) -> list[str]:
 
 
 def query_names(dependant: Dependant) -> Iterator[str]:
-    """Yield the names of the query parameters of a route and of its dependencies."""
+    """Yield the names of the query parameters of a route, with those of the functions on which it depends."""
     for parameter in dependant.query_params:
         declared = parameter.field_info.annotation
         if isinstance(declared, type) and issubclass(declared, BaseModel):
@@ -172,14 +176,18 @@ async def _answer_failure(request: Request, error: Exception) -> Response:
         case JointstiffError() | StoreError():
             return answer_error(error)
         case RequestValidationError():
-            return answer_problem(invalid_request(error.errors(), _query_parameters(request)))
+            return answer_problem(problem_from_faults(error.errors(), _list_query_parameters(request)))
         case HTTPException():
-            # The details of our own HTTPExceptions are "REASON; REMEDY".
-            reason, *remedy = str(error.detail).split("; ", 1)
-            todo = remedy[0] if remedy else _REMEDIES.get(error.status_code)
+            # In the HTTPExceptions that this service raises, the detail has the form "REASON; REMEDY".
+            reason, *own_remedy = str(error.detail).split("; ", 1)
+            remedy = own_remedy[0] if own_remedy else _REMEDIES.get(error.status_code)
             headers = dict(error.headers) if error.headers else None
-            return answer_problem(http_problem(error.status_code, reason, todo), headers)
+            return answer_problem(http_problem(error.status_code, reason, remedy), headers)
         case ClientDisconnect():
             return answer_problem(http_problem(400, "the client disconnected before its body was complete"))
     _logger.error("unexpected failure", exc_info=error)
-    return answer_problem(http_problem(500, "an unexpected internal error", "please report it; see the log"))
+    return answer_problem(
+        http_problem(
+            500, "an unexpected internal error", "report the error, with the lines of the log about it"
+        )
+    )

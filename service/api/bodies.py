@@ -28,12 +28,12 @@ MAX_KEY_LENGTH: Final = 255
 MAX_FILES: Final = 64
 _MAX_TEXT_FIELDS: Final = 8
 """Fields without a file name; more than one is refused by its name."""
-_PLAIN_ENCODINGS: Final = frozenset({"7bit", "8bit", "binary"})
+_ALLOWED_ENCODINGS: Final = frozenset({"7bit", "8bit", "binary"})
 _TOO_LARGE: Final = ("Too many", "Part exceeded")
 
 
 def json_body(examples: Mapping[str, Any]) -> Any:  # noqa: ANN401 - as FastAPI has it
-    """Return FastAPI's declaration of a JSON body, with examples by name for the API's description."""
+    """Return FastAPI's declaration of a JSON body; `examples` by name, for its description."""
     return Body(openapi_examples={name: Example(value=value) for name, value in examples.items()})
 
 
@@ -57,10 +57,10 @@ class BodyRoute(AccessRoute):
         message: type[BaseModel] = field.field_info.annotation  # type: ignore[assignment]
 
         async def handle_parsed(request: Request) -> Response:
-            """Parse the body, then let FastAPI handle the request; or answer by the child process."""
+            """Parse the body and let FastAPI handle the request, unless the child process answers it."""
             _require_media_type(request, *needed)
             if (answer := await _answer_by_child(request)) is not None:
-                return await self.after_child(request, answer)
+                return await self.finish_child_answer(request, answer)
             if is_form:  # FastAPI takes the form or the JSON that Starlette's request has stored
                 request._form = await read_form(request)
             else:
@@ -69,8 +69,8 @@ class BodyRoute(AccessRoute):
 
         return handle_parsed
 
-    async def after_child(self, _: Request, response: Response) -> Response:
-        """Return the answer of the child process; subclasses may change it."""
+    async def finish_child_answer(self, _: Request, response: Response) -> Response:
+        """Return the answer that the child process gave to the request; subclasses may change it."""
         return response
 
 
@@ -79,13 +79,13 @@ async def read_json(request: Request, message: type[BaseModel]) -> BaseModel:
 
     Raises:
         HTTPException: the body is too large (413).
-        RequestValidationError: the body is not such a message.
+        RequestValidationError: the body does not have the form of the message.
     """
     content = await request.body()
     if len(content) <= SMALL_BYTES:
         return parse_body(message, content)
-    turns: CapacityLimiter = request.app.state.parsers
-    return await run_sync(parse_body, message, content, limiter=turns)
+    limiter: CapacityLimiter = request.app.state.parsers
+    return await run_sync(parse_body, message, content, limiter=limiter)
 
 
 async def _answer_by_child(request: Request) -> Response | None:
@@ -94,10 +94,10 @@ async def _answer_by_child(request: Request) -> Response | None:
     return None if child is None else await child(request)
 
 
-def large_bodies(request: Request) -> CapacityLimiter:
-    """Return the limiter of threads for large work whose result is not stored."""
-    turns: CapacityLimiter = request.app.state.large_bodies
-    return turns
+def limiter_of_large_work(request: Request) -> CapacityLimiter:
+    """Return the limiter that bounds the number of threads for large work, such as reading big files."""
+    limiter: CapacityLimiter = request.app.state.large_bodies
+    return limiter
 
 
 KeyText = Annotated[
@@ -118,12 +118,12 @@ def bind_key(key: str | None, body: bytes) -> IdempotencyKey | None:
     return None if key is None else IdempotencyKey(key, hashlib.sha256(body).hexdigest())
 
 
-async def _requester_key(request: Request, idempotency_key: KeyText = None) -> IdempotencyKey | None:
+async def _read_idempotency_key(request: Request, idempotency_key: KeyText = None) -> IdempotencyKey | None:
     """Return the idempotency key of a request, with the hash of its body; None without a key."""
     return None if idempotency_key is None else bind_key(idempotency_key, await request.body())
 
 
-Key = Annotated[IdempotencyKey | None, Depends(_requester_key)]
+Key = Annotated[IdempotencyKey | None, Depends(_read_idempotency_key)]
 """Idempotency key of a request, bound to the bytes of its body."""
 
 
@@ -141,7 +141,7 @@ def parse_body(message: type[BaseModel], content: bytes) -> BaseModel:
 
     Raises:
         HTTPException: the body has too large a structure (413).
-        RequestValidationError: the body is not such a message.
+        RequestValidationError: the body does not have the form of the message.
     """
     refuse_structure(content)
     try:
@@ -155,8 +155,8 @@ def parse_body(message: type[BaseModel], content: bytes) -> BaseModel:
 def garbage_collector_paused() -> Iterator[None]:
     """Pause the garbage collector in the block: it would inspect a million new lists again and again.
 
-    That would take five times as long as the parser and stop all other threads. If two blocks overlap, the
-    end of the first one starts the collector again.
+    These inspections would take five times as long as the parser and stop all other threads. If two blocks
+    overlap, the end of the first one starts the collector again.
     """
     gc.disable()
     try:
@@ -177,7 +177,7 @@ class _Parser(MultiPartParser):
 
 
 async def read_form(request: Request) -> FormData:
-    """Read the fields `files` and `options` of a form; `options` is decoded to text even if sent as a file.
+    """Read a form; return its fields `files` and `options`, the latter as text even if it was sent as a file.
 
     Raises:
         RequestError: the body is not a form with these fields.
@@ -185,6 +185,7 @@ async def read_form(request: Request) -> FormData:
     """
 
     async def read_chunks() -> AsyncGenerator[bytes]:
+        """Yield the parts of the body; raise MultiPartException if the closing boundary was missing."""
         async for chunk in request.stream():
             yield chunk
         if not parser.is_complete:
@@ -225,10 +226,10 @@ def _check_fields(form: FormData) -> None:
                 where="body",
             )
         headers = value.headers if isinstance(value, UploadFile) else {}
-        if headers.get("content-transfer-encoding", "binary").lower() not in _PLAIN_ENCODINGS:
+        if headers.get("content-transfer-encoding", "binary").lower() not in _ALLOWED_ENCODINGS:
             raise _malformed_form("a file has an unsupported Content-Transfer-Encoding")
         if name == "files" and isinstance(value, str):
-            raise RequestError("a file has no name", remedy="send it with a `filename`", where="files")
+            raise RequestError("a file has no name", remedy="send the file with a `filename`", where="files")
     if len(form.getlist("options")) > 1:
         raise RequestError(
             "the field `options` is given twice",
@@ -254,7 +255,7 @@ async def _decode_options(value: UploadFile | str) -> str:
 
 
 def _malformed_form(reason: str) -> RequestError:
-    """Return the error of a body that is not a proper form."""
+    """Return the error for a body that is not a valid form; `reason` says why."""
     return RequestError(
         reason, remedy="send multipart/form-data as browsers, curl -F and HTTP libraries do", where="body"
     )

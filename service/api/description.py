@@ -28,13 +28,17 @@ _PROBLEMS: Final[dict[int | str, str]] = {
     "site requested a change; 429 where the queue is full, or too many wrong keys were sent; 503 while the "
     "database is not available; or another error.",
 }
-_OF_ALL_ROUTES: Final[frozenset[int | str]] = frozenset({422, "default"})
-_OF_BODIES: Final = frozenset({400, 404, 413, 415})  # a body may name what is not there
-_FULL: Final = 507
+_STATUSES_OF_ALL_ROUTES: Final[frozenset[int | str]] = frozenset({422, "default"})
+_STATUSES_OF_BODIES: Final = frozenset(
+    {400, 404, 413, 415}
+)  # 404: a body may contain the id of a resource that does not exist
+_STATUS_QUOTA_REACHED: Final = 507
 _EVENTS: Final = "text/event-stream"
 _FORM: Final = "multipart/form-data"
 _PAGE: Final = f"{Page.__name__}_"  # Pydantic's names of pages, such as `Page_JobSummary_`
-_VALUES: Final = frozenset({"enum", "const"})  # all values of a type, among which null would have to be
+_VALUE_KEYWORDS: Final = frozenset(
+    {"enum", "const"}
+)  # all values of a type, among which null would have to be
 
 
 class DescribedApplication(FastAPI):
@@ -46,97 +50,101 @@ class DescribedApplication(FastAPI):
     def openapi(self) -> Node:
         """Return the OpenAPI description, which is built at the first call."""
         if self.openapi_schema is None:
-            document = _without_titles(super().openapi())
-            for path, method, operation in _operations(document):
+            document = _drop_titles(super().openapi())
+            for path, method, operation in _iterate_operations(document):
                 _summarise_operation(operation)
-                _add_problems(path, method, operation)
-                _state_events(operation)
+                _add_problem_responses(path, method, operation)
+                _describe_events_as_text(operation)
                 needed = operation.get("security", [])
                 if needed and {} not in needed and needed[0]["key"] != ["admin"]:
                     operation["security"] = [{}, *needed]
-            _place_forms(document)
-            _show_answers(document)
-            _drop_unused(document)
-            _require_all_of_answers(document)
+            _inline_forms(document)
+            _add_example_answers(document)
+            _drop_unused_schemas(document)
+            _require_all_answer_fields(document)
             _inline_pages(document)
             _share_components(document)
             self.openapi_schema = _shorten_nullable_types(document)
         return self.openapi_schema
 
 
-def problems(*statuses: int) -> dict[int | str, Node]:
-    """Describe errors that a route may answer with in addition to those of all routes."""
+def describe_problems(*statuses: int) -> dict[int | str, Node]:
+    """Return OpenAPI responses, by status, for errors of a route that not every route can have."""
     return {status: _describe_problem(status) for status in statuses}
 
 
 def _describe_problem(status: int | str) -> Node:
-    """Return the OpenAPI response of a problem with a status."""
+    """Return the OpenAPI response for an error with this HTTP status; its body is a `Problem`."""
     schema = {"$ref": f"#/components/schemas/{Problem.__name__}"}
     return {"description": _PROBLEMS[status], "content": {"application/problem+json": {"schema": schema}}}
 
 
-def _operations(document: Node) -> Iterator[tuple[str, str, Node]]:
+def _iterate_operations(document: Node) -> Iterator[tuple[str, str, Node]]:
     """Yield path, method and description of each operation."""
     for path, operations in document["paths"].items():
         for method, operation in operations.items():
             yield path, method, operation
 
 
-def _without_titles(node: Any, *, names: bool = False) -> Any:  # noqa: ANN401 - any part of a JSON document
-    """Return a part of a description without the titles that Pydantic makes of the names of fields."""
+def _drop_titles(node: Any, *, names: bool = False) -> Any:  # noqa: ANN401 - any part of a JSON document
+    """Return a part of a description without the titles that Pydantic makes from the names of fields.
+
+    With `names`, the keys of this part are names of fields, and a field may be called `title`. The title of
+    the API itself, next to its `version`, is kept.
+    """
     if isinstance(node, dict):
         return {
-            key: _without_titles(value, names=key == "properties")
+            key: _drop_titles(value, names=key == "properties")
             for key, value in node.items()
             if names or key != "title" or not isinstance(value, str) or "version" in node
         }
-    return [_without_titles(each) for each in node] if isinstance(node, list) else node
+    return [_drop_titles(each) for each in node] if isinstance(node, list) else node
 
 
 def _summarise_operation(operation: Node) -> None:
-    """Take the first sentence of an operation's description for its summary."""
-    first, _, rest = operation["description"].partition("\n\n")
-    sentence, stop, more = " ".join(first.split()).partition(". ")
+    """Move the first sentence of an operation's `description` to its field `summary`."""
+    paragraph, _, rest = operation["description"].partition("\n\n")
+    sentence, has_more, rest_of_paragraph = " ".join(paragraph.split()).partition(". ")
     operation["summary"] = sentence.removesuffix(".") + "."
-    if text := "\n\n".join(filter(None, [more if stop else "", rest])):
+    if text := "\n\n".join(filter(None, [rest_of_paragraph if has_more else "", rest])):
         operation["description"] = text
     else:
         del operation["description"]
 
 
-def _add_problems(path: str, method: str, operation: Node) -> None:
-    """Add to an operation the problems that it may answer with, by its address, method and body."""
-    statuses: set[int | str] = set(_OF_ALL_ROUTES)
+def _add_problem_responses(path: str, method: str, operation: Node) -> None:
+    """Add to an operation the error responses that follow from its address, its method and its body."""
+    statuses: set[int | str] = set(_STATUSES_OF_ALL_ROUTES)
     if "requestBody" in operation:
-        statuses |= _OF_BODIES
+        statuses |= _STATUSES_OF_BODIES
     if "{" in path:
         statuses |= {404} if method == "get" else {404, 409}
     if "201" in operation["responses"] and "security" in operation:
-        statuses.add(_FULL)
-    answers = operation["responses"] | {str(status): _describe_problem(status) for status in statuses}
-    operation["responses"] = dict(sorted(answers.items()))
+        statuses.add(_STATUS_QUOTA_REACHED)
+    responses = operation["responses"] | {str(status): _describe_problem(status) for status in statuses}
+    operation["responses"] = dict(sorted(responses.items()))
 
 
-def _state_events(operation: Node) -> None:
+def _describe_events_as_text(operation: Node) -> None:
     """Describe streams of events as plain text, as OpenAPI 3.1 does not know FastAPI's `itemSchema`."""
     for answer in operation["responses"].values():
         if _EVENTS in answer.get("content", {}):
             answer["content"][_EVENTS] = {"schema": {"type": "string"}}
 
 
-def _place_forms(document: Node) -> None:
-    """Move the schema of each form into the operation that accepts the form."""
+def _inline_forms(document: Node) -> None:
+    """Move the schema of each form from the shared components into the operation that accepts the form."""
     schemas = document["components"]["schemas"]
-    for *_, operation in _operations(document):
+    for *_, operation in _iterate_operations(document):
         content = operation.get("requestBody", {}).get("content", {})
         if _FORM in content:
             content[_FORM]["schema"] = schemas.pop(content[_FORM]["schema"]["$ref"].rpartition("/")[2])
 
 
 def _inline_pages(document: Node) -> None:
-    """Move the schema of each page of a listing into the answer of its only operation."""
+    """Move the schema of each page of a list from the shared components into the only answer that uses it."""
     schemas = document["components"]["schemas"]
-    for *_, operation in _operations(document):
+    for *_, operation in _iterate_operations(document):
         for answer in operation["responses"].values():
             stated = answer.get("content", {}).get("application/json", {})
             name = stated.get("schema", {}).get("$ref", "").rpartition("/")[2]
@@ -151,63 +159,70 @@ def _shorten_nullable_types(node: Any) -> Any:  # noqa: ANN401 - any part of a J
     if not isinstance(node, dict):
         return node
     match node.get("anyOf"):
-        case [{"type": str(kind)} as typed, {"type": "null"}] if not _VALUES & typed.keys():
+        case [{"type": str(kind)} as typed, {"type": "null"}] if not _VALUE_KEYWORDS & typed.keys():
             rest = {key: value for key, value in node.items() if key != "anyOf"}
             if not typed.keys() & rest.keys():
                 node = {**typed, "type": [kind, "null"], **rest}
     return {key: _shorten_nullable_types(value) for key, value in node.items()}
 
 
-def _show_answers(document: Node) -> None:
+def _add_example_answers(document: Node) -> None:
     """Add the recorded examples to the answers of the operations that users meet first, such as a run."""
-    for *_, operation in _operations(document):
+    for *_, operation in _iterate_operations(document):
         if (example := ANSWERS.get(operation["operationId"])) is not None:
             status = next(each for each in operation["responses"] if each.startswith("2"))
             operation["responses"][status]["content"]["application/json"]["example"] = example
 
 
-def _schemas_used(document: Node, *roots: Node) -> set[str]:
+def _find_used_schemas(document: Node, *roots: Node) -> set[str]:
     """Return the names of the schemas that `roots`, parts of a description, use directly or indirectly."""
-    schemas, waiting, found = document["components"]["schemas"], list(roots), set[str]()
-    while waiting:
-        names = set(re.findall(r'"#/components/schemas/(\w+)"', json.dumps(waiting.pop()))) - found
+    schemas, to_search, found = document["components"]["schemas"], list(roots), set[str]()
+    while to_search:
+        names = set(re.findall(r'"#/components/schemas/(\w+)"', json.dumps(to_search.pop()))) - found
         found |= names
-        waiting += [schemas[name] for name in names]
+        to_search += [schemas[name] for name in names]
     return found
 
 
-def _drop_unused(document: Node) -> None:
-    """Drop schemas that no operation uses, such as those of fields whose form is not promised."""
-    schemas, used = document["components"]["schemas"], _schemas_used(document, document["paths"])
+def _drop_unused_schemas(document: Node) -> None:
+    """Remove from the components the schemas that no operation refers to."""
+    schemas, used = document["components"]["schemas"], _find_used_schemas(document, document["paths"])
     document["components"]["schemas"] = {name: schemas[name] for name in schemas if name in used}
 
 
-def _require_all_of_answers(document: Node) -> None:
+def _require_all_answer_fields(document: Node) -> None:
     """Mark every field of schemas that only answers use as required: the service always sends all fields."""
     schemas = document["components"]["schemas"]
-    bodies = [operation.get("requestBody", {}) for *_, operation in _operations(document)]
-    for name in schemas.keys() - _schemas_used(document, *bodies):
+    bodies = [operation.get("requestBody", {}) for *_, operation in _iterate_operations(document)]
+    for name in schemas.keys() - _find_used_schemas(document, *bodies):
         if "properties" in schemas[name]:
             schemas[name]["required"] = list(schemas[name]["properties"])
 
 
 def _share_components(document: Node) -> None:
-    """Move problems, and parameters that several operations share, to the components; refer to them."""
+    """Move error responses, and parameters that several operations use, to the shared components.
+
+    In the operations, references (`$ref`) replace them.
+    """
     shared: dict[str, Node] = {"parameters": {}, "responses": {}}
-    every = list(_operations(document))
-    for stated in (one for *_, each in every for one in each.get("parameters", ())):
-        stated["schema"].pop("description", None)  # FastAPI writes it with the parameter, too
-    used = Counter(
-        json.dumps(one, sort_keys=True) for *_, each in every for one in each.get("parameters", ())
+    operations = list(_iterate_operations(document))
+    for parameter in (
+        parameter for *_, operation in operations for parameter in operation.get("parameters", ())
+    ):
+        parameter["schema"].pop("description", None)  # FastAPI writes it with the parameter, too
+    use_counts = Counter(
+        json.dumps(parameter, sort_keys=True)
+        for *_, operation in operations
+        for parameter in operation.get("parameters", ())
     )
-    for *_, operation in every:
-        for i, stated in enumerate(operation.get("parameters", ())):
-            if used[json.dumps(stated, sort_keys=True)] > 1:
-                name = "".join(word.title() for word in re.findall(r"[a-z]+", stated["name"]))
-                if shared["parameters"].setdefault(name, stated) == stated:
+    for *_, operation in operations:
+        for i, parameter in enumerate(operation.get("parameters", ())):
+            if use_counts[json.dumps(parameter, sort_keys=True)] > 1:
+                name = "".join(word.title() for word in re.findall(r"[a-z]+", parameter["name"]))
+                if shared["parameters"].setdefault(name, parameter) == parameter:
                     operation["parameters"][i] = {"$ref": f"#/components/parameters/{name}"}
         for status in operation["responses"].keys() & set(map(str, _PROBLEMS)):
             name = f"Problem{status.title()}"
             shared["responses"][name] = operation["responses"][status]
             operation["responses"][status] = {"$ref": f"#/components/responses/{name}"}
-    document["components"] |= {kind: dict(sorted(stated.items())) for kind, stated in shared.items()}
+    document["components"] |= {kind: dict(sorted(parts.items())) for kind, parts in shared.items()}

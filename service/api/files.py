@@ -21,16 +21,16 @@ from jointstiff.schemas.robot import Robot
 from jointstiff.schemas.run import Run
 from jointstiff.service.jobs import Jobs, Parts
 from jointstiff.service.kinds.kind import AnyKind, File
-from jointstiff.service.kinds.program.work import unpacked
+from jointstiff.service.kinds.program.work import decompress_file
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.reports.certificate import certificate
+from jointstiff.service.reports.certificate import build_certificate
 from jointstiff.service.reports.document import Document
 from jointstiff.service.reports.exports import FORMATS, ExportedModel, ModelFormat, export_model
-from jointstiff.service.reports.job import job_document, job_parts, job_sheet
+from jointstiff.service.reports.job import build_job_report, build_job_sheet, job_parts
 from jointstiff.service.reports.laboratory import LaboratorySettings
-from jointstiff.service.reports.rendering import POLICY, report_page, report_pdf
-from jointstiff.service.reports.run import RunSubject, run_document
-from jointstiff.service.tables.files import csv_parts, written
+from jointstiff.service.reports.rendering import POLICY, render_html, render_pdf
+from jointstiff.service.reports.run import RunSubject, build_run_report
+from jointstiff.service.tables.files import csv_parts, write_sheet
 from jointstiff.service.tables.report import View
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import Line, Part, Table
@@ -51,9 +51,9 @@ class Content(NamedTuple):
 class _RequestedFile:
     """File of a job that a client requests, and what is needed to make it."""
 
-    laboratory: LaboratorySettings  # that issues reports
+    laboratory: LaboratorySettings  # settings of the laboratory that issues reports
     parts: Parts
-    jobs: Jobs  # those of its kind
+    jobs: Jobs  # all jobs of the same kind
     job_id: str
     name: str
     query: FileQuery
@@ -72,8 +72,9 @@ _MakeContent = Callable[[_RequestedFile], Content]
 
 
 def needs_no_work(kind: AnyKind, name: str) -> bool:
-    """Return whether a file of a kind's jobs is stored, so that it need not be computed."""
-    return _makers_by_name(kind).get(name) is _corrected_program
+    """Return whether this file of a kind of job is stored with the result, so that nothing is computed."""
+    # The compensated program is the only file whose content the result of a job contains.
+    return _find_content_makers(kind).get(name) is _make_program_file
 
 
 def make_file(
@@ -86,7 +87,7 @@ def make_file(
         HTTPException: the job has no such file or nothing to write to it (404), or no result (409).
         RequestError: the program has no file of that name.
     """
-    make = _makers_by_name(jobs.kind).get(name)
+    make = _find_content_makers(jobs.kind).get(name)
     if make is None:
         jobs.records.get(job_id)
         raise HTTPException(
@@ -96,25 +97,29 @@ def make_file(
 
 
 def file_names(kind: AnyKind) -> list[str]:
-    """Return the names of the files that a kind's jobs have."""
-    return list(_makers_by_name(kind))
+    """Return the names of the files that jobs of a kind have, such as `report.pdf`."""
+    return list(_find_content_makers(kind))
 
 
 @cache
-def _makers_by_name(kind: AnyKind) -> Mapping[str, _MakeContent]:
+def _find_content_makers(kind: AnyKind) -> Mapping[str, _MakeContent]:
     """Return the function that makes each file of a kind's jobs, by the name of the file."""
-    made: dict[str, _MakeContent] = {"tables.json": _tables_as_json}
+    made: dict[str, _MakeContent] = {"tables.json": _make_tables_json}
     if kind.name == Run.kind_name():
-        made |= {"report.pdf": _run_report, "report.html": _run_report, "report.xml": _certificate_file}
-        made |= {f"model.{suffix}": _model_file for suffix in FORMATS}
+        made |= {
+            "report.pdf": _make_run_report,
+            "report.html": _make_run_report,
+            "report.xml": _make_certificate,
+        }
+        made |= {f"model.{suffix}": _make_model_file for suffix in FORMATS}
     elif kind.reported:
-        made |= {"report.pdf": _job_report, "report.html": _job_report}
+        made |= {"report.pdf": _make_job_report, "report.html": _make_job_report}
     if kind.name == Program.kind_name():
-        made["program"] = _corrected_program
-    return made | {file.name: partial(_table_file, file) for file in kind.files}
+        made["program"] = _make_program_file
+    return made | {file.name: partial(_make_table_file, file) for file in kind.files}
 
 
-def _tables_as_json(requested: _RequestedFile) -> Content:
+def _make_tables_json(requested: _RequestedFile) -> Content:
     """Return `tables.json`: tables, text lines, evidence and assessment of a job, as in the terminal."""
     view = View(requested.query.details, UNITS[requested.query.unit])
     tables = [
@@ -125,70 +130,72 @@ def _tables_as_json(requested: _RequestedFile) -> Content:
     assessment: BaseModel | None = getattr(requested.job.result, "assessment", None)
     report = requested.jobs.kind.report(requested.job, requested.job.result, view)
     verdict = assessment and assessment.model_dump(mode="json")
-    shown = {
+    document = {
         "assessment": verdict,
         "tables": tables,
-        "lines": _text_lines(report.parts),
-        "evidence": _text_lines(report.evidence),
+        "lines": _list_text_lines(report.parts),
+        "evidence": _list_text_lines(report.evidence),
     }
-    return Content(json.dumps(shown, ensure_ascii=False, allow_nan=False).encode(), "application/json")
+    return Content(json.dumps(document, ensure_ascii=False, allow_nan=False).encode(), "application/json")
 
 
-def _text_lines(parts: Sequence[Part]) -> list[str]:
+def _list_text_lines(parts: Sequence[Part]) -> list[str]:
     """Return the non-empty text lines of a report's parts, without its tables."""
     lines = (line.strip() for part in parts if isinstance(part, Line) for line in part.text.splitlines())
     return [line for line in lines if line]
 
 
-def _table_file(file: File, requested: _RequestedFile) -> Content:
+def _make_table_file(file: File, requested: _RequestedFile) -> Content:
     """Return a table of a job as a file, such as CSV; raise HTTPException (404) if it has no rows."""
     kind, job = requested.jobs.kind, requested.job
-    sheet = job_sheet(file, job, lambda: requested.jobs.work(job.id))
+    sheet = build_job_sheet(file, job, lambda: requested.jobs.work(job.id))
     if not sheet.columns:
         what = file.description.partition(",")[0]
         reason = f"this {kind.name} has no rows for {file.name}, {what}"
         raise HTTPException(404, f"{reason}; use tables.json, or another of its files")
-    body = csv_parts(sheet) if file.suffix == "csv" else written(sheet, file.suffix)
-    return Content(body, file.media_type, _attachment_header(f"{kind.name}-{job.id}.{file.suffix}"))
+    body = csv_parts(sheet) if file.suffix == "csv" else write_sheet(sheet, file.suffix)
+    return Content(body, file.media_type, _make_attachment_header(f"{kind.name}-{job.id}.{file.suffix}"))
 
 
-def _job_report(requested: _RequestedFile) -> Content:
+def _make_job_report(requested: _RequestedFile) -> Content:
     """Return the report of a job that is not a run, as PDF or HTML."""
     jobs, parts, job_id = requested.jobs, requested.parts, requested.job_id
     record = jobs.records.get(job_id)
     about = [] if record.robot_id is None else [("Robot", parts.store.robots.get(record.robot_id).name)]
     answered = jobs.kind.answered(record.document)
     return _render_report(
-        job_document(jobs.kind, requested.job, answered, requested.laboratory, about), requested.name
+        build_job_report(jobs.kind, requested.job, answered, requested.laboratory, about), requested.name
     )
 
 
-def _run_report(requested: _RequestedFile) -> Content:
+def _make_run_report(requested: _RequestedFile) -> Content:
     """Return the report of a run, as PDF or HTML."""
-    subject = run_subject(requested.parts, requested.job_id, requested.laboratory)
-    return _render_report(run_document(subject), requested.name)
+    subject = make_run_subject(requested.parts, requested.job_id, requested.laboratory)
+    return _render_report(build_run_report(subject), requested.name)
 
 
-def _certificate_file(requested: _RequestedFile) -> Content:
+def _make_certificate(requested: _RequestedFile) -> Content:
     """Return the digital calibration certificate of a run, as XML."""
-    subject = run_subject(requested.parts, requested.job_id, requested.laboratory)
+    subject = make_run_subject(requested.parts, requested.job_id, requested.laboratory)
     return Content(
-        certificate(subject), "application/xml", _attachment_header(f"certificate-{requested.job_id}.xml")
+        build_certificate(subject),
+        "application/xml",
+        _make_attachment_header(f"certificate-{requested.job_id}.xml"),
     )
 
 
-def _model_file(requested: _RequestedFile) -> Content:
+def _make_model_file(requested: _RequestedFile) -> Content:
     """Return the identified model of a run in the format of the file's ending."""
     suffix = cast("ModelFormat", requested.name.partition(".")[2])
     model = export_model(
-        exported_model(requested.parts, requested.job_id), suffix, requested.query.accept_verdict
+        prepare_exported_model(requested.parts, requested.job_id), suffix, requested.query.accept_verdict
     )
     return Content(
-        model, FORMATS[suffix].media_type, _attachment_header(f"model-{requested.job_id}.{suffix}")
+        model, FORMATS[suffix].media_type, _make_attachment_header(f"model-{requested.job_id}.{suffix}")
     )
 
 
-def _corrected_program(requested: _RequestedFile) -> Content:
+def _make_program_file(requested: _RequestedFile) -> Content:
     """Return a corrected file of a program: that of the query, or the first one.
 
     Raises:
@@ -202,7 +209,7 @@ def _corrected_program(requested: _RequestedFile) -> Content:
     path = PurePath(found.name)
     name = f"{path.stem}-corrected{path.suffix}" if result.corrected else found.name
     disposition = f"attachment; filename*=UTF-8''{quote(name, safe='')}"
-    return Content(unpacked(found), "application/octet-stream", {"Content-Disposition": disposition})
+    return Content(decompress_file(found), "application/octet-stream", {"Content-Disposition": disposition})
 
 
 def _require_result(jobs: Jobs, job_id: str) -> Job:
@@ -214,26 +221,26 @@ def _require_result(jobs: Jobs, job_id: str) -> Job:
 
 
 def _render_report(document: Document, name: str) -> Content:
-    """Render a report as the file of a name: `report.pdf` or `report.html`."""
+    """Render a report as PDF or HTML, as `name` says: `report.pdf` or `report.html`."""
     if name == "report.pdf":
-        return _report_content(report_pdf(document), document.number, "pdf")
-    return _report_content(report_page(document), document.number, "html")
+        return _add_report_headers(render_pdf(document), document.number, "pdf")
+    return _add_report_headers(render_html(document), document.number, "html")
 
 
-def _report_content(content: bytes, number: str, suffix: Literal["pdf", "html"]) -> Content:
-    """Return a rendered report with headers for display in a browser; `number` is that of the report."""
+def _add_report_headers(content: bytes, number: str, suffix: Literal["pdf", "html"]) -> Content:
+    """Return a rendered report with headers for display in a browser; `number` is the report's number."""
     headers = {"Content-Disposition": f'inline; filename="report-{number}.{suffix}"'}
     if suffix == "html":
         return Content(content, "text/html", headers | {"Content-Security-Policy": POLICY})
     return Content(content, "application/pdf", headers)
 
 
-def _attachment_header(name: str) -> dict[str, str]:
-    """Return the header by which browsers save an answer as a file of this name."""
+def _make_attachment_header(name: str) -> dict[str, str]:
+    """Return the header that makes a browser save the answer as a file of this name."""
     return {"Content-Disposition": f'attachment; filename="{name}"'}
 
 
-def exported_model(parts: Parts, run_id: str) -> ExportedModel:
+def prepare_exported_model(parts: Parts, run_id: str) -> ExportedModel:
     """Return the identified model of a stored run, with its robot.
 
     Raises:
@@ -245,18 +252,18 @@ def exported_model(parts: Parts, run_id: str) -> ExportedModel:
     return ExportedModel(run, cast("Any", run.result), prepared.robot, stored.name, stored.geometry_id)
 
 
-def run_subject(parts: Parts, run_id: str, settings: LaboratorySettings) -> RunSubject:
+def make_run_subject(parts: Parts, run_id: str, settings: LaboratorySettings) -> RunSubject:
     """Return the subject of a run's report: identified model, readings, and settings of the laboratory.
 
     Raises:
         HTTPException: the run has no result (409).
     """
-    model = exported_model(parts, run_id)
+    model = prepare_exported_model(parts, run_id)
     readings = parts.sets.document(model.run.request.measurement_set_id)
     return RunSubject(model, readings, settings)
 
 
-def _media_types() -> dict[str, Any]:
+def _describe_media_types() -> dict[str, Any]:
     """Return the media types of all files of jobs, with their schemas for OpenAPI."""
     own = {file.media_type for kind in KINDS for file in kind.files}
     fixed = {"application/json", "application/pdf", "text/html", "application/octet-stream"}
@@ -265,7 +272,7 @@ def _media_types() -> dict[str, Any]:
     return {name: binary if name == "application/octet-stream" else {} for name in types}
 
 
-def _description() -> str:
+def _write_description() -> str:
     """Return the description of the operation `get_job_file`, with the files of each kind of job."""
     listed = [f"* {kind.name}: {', '.join(f'`{name}`' for name in file_names(kind))}" for kind in KINDS]
     own = [f"* `{file.name}` of a {kind.name}: {file.description}" for kind in KINDS for file in kind.files]
@@ -285,5 +292,7 @@ _FILES_TEXT: Final = """Get a file of a job that has succeeded. Its names are:
 * `program` of a program: a compensated file (`file`); only numbers of its targets differ"""
 
 
-FILES_DESCRIPTION: Final = _description()
-FILES: Final[dict[int | str, dict[str, Any]]] = {200: {"description": "The file.", "content": _media_types()}}
+FILES_DESCRIPTION: Final = _write_description()
+FILES: Final[dict[int | str, dict[str, Any]]] = {
+    200: {"description": "The file.", "content": _describe_media_types()}
+}

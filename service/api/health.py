@@ -26,13 +26,13 @@ from jointstiff.service.store.store import Store
 
 router = APIRouter(tags=["health"], route_class=AccessRoute)
 
-LOOK_SECONDS: Final = 0.5
+CHECK_SECONDS: Final = 0.5
 """Pause between two checks of the database [s]."""
 STALE_SECONDS: Final = 10.0
 """Age of the last check from which the database counts as not answering [s]."""
-PROOF_SECONDS: Final = 2.0
+WRITE_CHECK_SECONDS: Final = 2.0
 """Pause between two checks that the database can be written [s]."""
-STALE_PROOF_SECONDS: Final = 30.0
+STALE_WRITE_CHECK_SECONDS: Final = 30.0
 """Age of the last write check from which the database counts as not writable [s]."""
 _JOIN_SECONDS: Final = 1.0
 """Time to wait at the end for a check that is running [s]."""
@@ -60,14 +60,14 @@ async def get_health(request: Request) -> Health:
     """
     # The last check is used, without a thread or a query, so that the answer never waits for other requests.
     watch: Watch = request.app.state.watch
-    seen = await watch.writable()
+    last_check = await watch.require_writable()
     return Health(
         status="ok",
         version=jointstiff_version(),
-        workers=seen.workers,
+        workers=last_check.workers,
         failing_workers=request.app.state.failing_workers(),
-        database=seen.database,
-        stored_bytes=seen.stored_bytes,
+        database=last_check.database,
+        stored_bytes=last_check.stored_bytes,
         quota_bytes=watch.quota_bytes,
         access=request.app.state.access,
     )
@@ -91,20 +91,20 @@ def get_index() -> dict[str, str]:
     }
 
 
-class Seen(NamedTuple):
+class DatabaseCheck(NamedTuple):
     """Outcome of a check of the database."""
 
-    at: float  # monotonic time of its end [s]
+    at: float  # monotonic time at the end of the check [s]
     workers: int = 0  # number of living workers
-    database: Literal["sqlite", "postgresql"] = "sqlite"  # which one it is
+    database: Literal["sqlite", "postgresql"] = "sqlite"  # kind of the database
     stored_bytes: int = 0  # size of the database
-    error: StoreError | None = None  # why there is no answer
+    error: StoreError | None = None  # why the check failed; None if it succeeded
 
 
 class Watch:
-    """Regular check of the database in threads of its own, so that requests for the health never wait.
+    """Regular checks of the database in two threads, so that requests for the health never wait.
 
-    As a context manager, it checks until the block ends; outside the block, each request is a check.
+    As a context manager, it checks until the block ends. Outside the block, each request makes its own check.
     """
 
     def __init__(self, store: Store, keyring: Keyring | None = None) -> None:
@@ -117,18 +117,18 @@ class Watch:
         self._store = store
         self._keyring = keyring
         self.quota_bytes = store.quota.most  # size that the database may have; None for any
-        self.seen: Seen | None = None  # outcome of the last check
+        self.last_check: DatabaseCheck | None = None  # outcome of the last check
         self._unwritable: StoreError | None = None
         self._write_checked_at = 0.0
         self._ended = threading.Event()
 
     def __enter__(self) -> Watch:
         self._ended.clear()
-        self.seen = self._check_database()
+        self.last_check = self._check_database()
         self._write_checked_at = time.monotonic()
         self._threads = [
             threading.Thread(target=self._repeat_until_end, args=each, daemon=True)
-            for each in ((LOOK_SECONDS, self._renew_state), (PROOF_SECONDS, self._check_writable))
+            for each in ((CHECK_SECONDS, self._repeat_check), (WRITE_CHECK_SECONDS, self._check_writable))
         ]
         for thread in self._threads:
             thread.start()
@@ -138,39 +138,44 @@ class Watch:
         self._ended.set()
         for thread in self._threads:  # a running check must not use the store after it is closed
             thread.join(_JOIN_SECONDS)
-        self.seen = None
+        self.last_check = None
 
-    async def latest(self) -> Seen:
+    async def require_recent_check(self) -> DatabaseCheck:
         """Return the outcome of the last check.
 
         Raises:
             StoreError: the last check failed, or is older than `STALE_SECONDS`.
         """
-        seen = self.seen
-        if seen is None:
-            seen = await run_sync(self._check_database)
-        if seen.error is not None:
-            raise seen.error.with_traceback(None)
-        if time.monotonic() - seen.at > STALE_SECONDS:
-            raise StoreUnavailableError("the database is slow to answer", "try again; look at its server")
-        return seen
+        last_check = self.last_check
+        if last_check is None:
+            last_check = await run_sync(self._check_database)
+        if last_check.error is not None:
+            raise last_check.error.with_traceback(None)
+        if time.monotonic() - last_check.at > STALE_SECONDS:
+            raise StoreUnavailableError(
+                "the database does not answer in time", "try again; check the server of the database"
+            )
+        return last_check
 
-    async def writable(self) -> Seen:
+    async def require_writable(self) -> DatabaseCheck:
         """Return the outcome of the last check, if the database could also be written.
 
         Raises:
             StoreError: the last check or the last write check failed, or is too old.
         """
-        seen = await self.latest()
-        if self.seen is None:
+        last_check = await self.require_recent_check()
+        if self.last_check is None:
             await run_sync(self._check_writable)
         if self._unwritable is not None:
             raise self._unwritable.with_traceback(None)
-        if self.seen is not None and time.monotonic() - self._write_checked_at > STALE_PROOF_SECONDS:
+        if (
+            self.last_check is not None
+            and time.monotonic() - self._write_checked_at > STALE_WRITE_CHECK_SECONDS
+        ):
             raise StoreUnavailableError(
-                "a write to the database does not finish", "find the program that locks it"
+                "a write to the database does not finish", "end the program that locks the database"
             )
-        return seen
+        return last_check
 
     def _repeat_until_end(self, pause: float, act: Callable[[], None]) -> None:
         """Call a function again and again, with a pause [s], until the watch ends."""
@@ -178,25 +183,27 @@ class Watch:
             act()
 
     def _check_writable(self) -> None:
-        """Write to the database and keep the error: read-only files and standby servers pass other checks."""
+        """Write to the database and store the error: read-only files pass the other checks."""
         try:
             self._store.heartbeats.check_writable()
         except StoreError as error:
             self._unwritable = error
         except Exception:
             _logger.exception("unexpected failure of a write to the database")
-            self._unwritable = StoreUnavailableError("a write to the database failed", "see the log")
+            self._unwritable = StoreUnavailableError(
+                "a write to the database failed", "see the log of the service"
+            )
         else:
             self._unwritable = None
         self._write_checked_at = time.monotonic()
 
-    def _renew_state(self) -> None:
-        """Check the database, and keep the outcome unless the watch has ended meanwhile."""
-        seen = self._check_database()
+    def _repeat_check(self) -> None:
+        """Check the database and store the outcome in `last_check`, unless the watch has ended meanwhile."""
+        last_check = self._check_database()
         if not self._ended.is_set():
-            self.seen = seen
+            self.last_check = last_check
 
-    def _check_database(self) -> Seen:
+    def _check_database(self) -> DatabaseCheck:
         """Check the database and read the keys; return the outcome, with the error if one occurred."""
         try:
             database = self._store.ping()
@@ -205,21 +212,23 @@ class Watch:
             workers = len(self._store.heartbeats.living(SILENT))
             stored = self._store.quota.used()
         except StoreError as error:
-            return Seen(time.monotonic(), error=error)
+            return DatabaseCheck(time.monotonic(), error=error)
         except Exception:  # the thread must continue: the next check may succeed
-            if self.seen is None or self.seen.error is None:  # logged once, not at each check
+            if self.last_check is None or self.last_check.error is None:  # logged once, not at each check
                 _logger.exception("unexpected failure of a check of the database")
-            failed = StoreUnavailableError("the check of the database failed", "try again; see the log")
-            return Seen(time.monotonic(), error=failed)
-        return Seen(time.monotonic(), workers, database, stored)
+            failed = StoreUnavailableError(
+                "the check of the database failed", "try again; see the log of the service"
+            )
+            return DatabaseCheck(time.monotonic(), error=failed)
+        return DatabaseCheck(time.monotonic(), workers, database, stored)
 
 
 class Metrics:
-    """Counts of the requests of one application, and the state of its service."""
+    """Metrics for Prometheus: counts and durations of requests, and numbers of the service's state."""
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()  # read by the server of the metrics
-        self.gauges: Gauges = dict  # function that returns the state, set by the service
+        self.gauges: Gauges = dict  # function that returns the state as numbers by name; the service sets it
         labels = ["method", "route"]
         self._requests = Counter(
             "jointstiff_requests", "Requests answered.", [*labels, "status"], registry=self.registry
@@ -247,20 +256,22 @@ class Metrics:
 
     def serve_on_port(self, app: ASGIApp, port: int) -> ASGIApp:
         """Return an application that serves the metrics on one port, and `app` on all other ports."""
-        turns = CapacityLimiter(1)  # a limiter of its own, so that the metrics never wait for other requests
+        # A limiter of its own, so that the metrics never wait for other requests.
+        limiter = CapacityLimiter(1)
 
         async def answer(scope: Scope, receive: Receive, send: Send) -> None:
+            """Answer a request for metrics on their port; hand any other request to `app`."""
             if scope["type"] != "http" or scope["server"][1] != port:
                 await app(scope, receive, send)
                 return
-            text = await run_sync(generate_latest, self.registry, limiter=turns)
+            text = await run_sync(generate_latest, self.registry, limiter=limiter)
             await Response(text, headers={"Content-Type": CONTENT_TYPE_LATEST})(scope, receive, send)
 
         return answer
 
 
 class _GaugeCollector(Collector):
-    """State of the service, looked up when it is requested."""
+    """Collector of Prometheus that reads the state of the service at each request for metrics."""
 
     def __init__(self, metrics: Metrics) -> None:
         self._metrics = metrics

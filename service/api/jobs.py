@@ -22,8 +22,8 @@ from jointstiff.schemas.fields import Page
 from jointstiff.schemas.job import Job, JobChange, JobSummary
 from jointstiff.schemas.query import FileQuery, JobQuery, WaitQuery
 from jointstiff.service.api import answers
-from jointstiff.service.api.bodies import BodyRoute, Key, json_body, large_bodies
-from jointstiff.service.api.description import problems
+from jointstiff.service.api.bodies import BodyRoute, Key, json_body, limiter_of_large_work
+from jointstiff.service.api.description import describe_problems
 from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.files import FILES, FILES_DESCRIPTION, make_file, needs_no_work
 from jointstiff.service.jobs import Jobs
@@ -34,57 +34,58 @@ from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, KeyOf, re
 from jointstiff.service.store.jobs import JOB, JobStatus
 from jointstiff.service.store.tables import OPEN_STATES, AccessKey, JobRecord
 
-TURN_SECONDS: Final = 0.1
+POLL_SECONDS: Final = 0.1
 """Pause between two polls of the jobs that are followed [s]."""
-_PAUSE_PER_LOOK: Final = 4
-"""Least pause, as a multiple of the time of a poll: so polls take at most a fifth of the time."""
+_PAUSE_PER_POLL_TIME: Final = 4
+"""Least pause, as a multiple of the duration of the last poll: so polls take at most a fifth of the time."""
 
 
 @dataclass(eq=False)
-class _Followed:
+class _FollowedJob:
     """Job that clients follow, and its latest event."""
 
     jobs: Jobs  # the jobs of its kind
-    followers: int = 0  # number of those who follow it
-    job: Job | None = None  # the job as it was first seen
-    news: ServerSentEvent | None = None  # the latest event
-    over: bool = False  # no further event comes
-    # set when `news` or `over` changes, and replaced by another then
+    followers: int = 0  # number of clients that follow the job
+    job: Job | None = None  # the job as it was last read from the store
+    event: ServerSentEvent | None = None  # the latest event
+    has_ended: bool = False  # no further event comes
+    # set when `event` or `has_ended` changes, which wakes the waiting streams; then replaced by a new one
     changed: asyncio.Event = field(default_factory=asyncio.Event)
 
-    def look(self, job_id: str, status: JobStatus | None) -> ServerSentEvent | None:
+    def make_event(self, job_id: str, status: JobStatus | None) -> ServerSentEvent | None:
         """Return the event for a job's present status; None if the job no longer exists.
 
         The whole job is read from the store only at first and when it has ended.
         """
         if status is None:
             return None
-        is_current = self.job is None or not status.is_active
-        if is_current:
+        is_read = self.job is None or not status.is_active
+        if is_read:
             try:
                 self.job = self.jobs.current(job_id)
             except NotFoundError:  # deleted meanwhile
-                is_current = False
+                is_read = False
         if self.job is None:
             return None
         if status.is_active:
-            return _progress_event("progress", _job_at(status, self.job))
-        return _progress_event("end", self.job if is_current else _job_at(status, self.job))
+            return _make_event("progress", _update_job(status, self.job))
+        return _make_event("end", self.job if is_read else _update_job(status, self.job))
 
-    def publish(self, news: ServerSentEvent | None) -> None:
-        """Send an event to the followers, unless they have it already; None ends their streams."""
-        if news is not None and news == self.news:
+    def publish(self, event: ServerSentEvent | None) -> None:
+        """Send an event to the streams of the job unless it equals the last one; None ends the streams."""
+        if event is not None and event == self.event:
             return
-        self.over = news is None or news.event == "end"
-        self.news = news or self.news
+        self.has_ended = event is None or event.event == "end"
+        self.event = event or self.event
         self.changed.set()
         self.changed = asyncio.Event()
 
 
-Question = Callable[[], Awaitable[bool]]
+PermissionCheck = Callable[[], Awaitable[bool]]
 
 
 async def _is_always_allowed() -> bool:
+    """Return true: the client may follow the job for any time."""
     return True
 
 
@@ -94,7 +95,7 @@ class Followers:
     ALLOWED_SECONDS: ClassVar[float] = 5.0  # between two checks whether a client may still follow
 
     def __init__(
-        self, is_closing: Callable[[], bool] = lambda: False, *, pause: float = TURN_SECONDS
+        self, is_closing: Callable[[], bool] = lambda: False, *, pause: float = POLL_SECONDS
     ) -> None:
         """Begin without followers.
 
@@ -104,11 +105,11 @@ class Followers:
         """
         self._pause = pause
         self._is_closing = is_closing
-        self._followed: dict[str, _Followed] = {}
+        self._followed: dict[str, _FollowedJob] = {}
         self._task: asyncio.Task[None] | None = None
 
     async def events(
-        self, jobs: Jobs, job_id: str, is_allowed: Question = _is_always_allowed
+        self, jobs: Jobs, job_id: str, is_allowed: PermissionCheck = _is_always_allowed
     ) -> AsyncGenerator[ServerSentEvent]:
         """Yield `progress` events while a job goes on, then one `end` event with its final state.
 
@@ -120,25 +121,26 @@ class Followers:
         Raises:
             Exception: polling failed for another reason than an unavailable database.
         """
-        followed = self._followed.setdefault(job_id, _Followed(jobs))
+        followed = self._followed.setdefault(job_id, _FollowedJob(jobs))
         followed.followers += 1
         if self._task is None or self._task.done():
             self._task = asyncio.create_task(self._poll())
-        task, sent, clock = self._task, None, asyncio.get_running_loop().time
-        asked_at, may_follow = clock(), True
+        task, clock = self._task, asyncio.get_running_loop().time
+        sent: ServerSentEvent | None = None
+        checked_at, may_follow = clock(), True
         try:
             while may_follow:
-                if followed.news is not None and followed.news is not sent:
-                    sent = followed.news
+                if followed.event is not None and followed.event is not sent:
+                    sent = followed.event
                     yield sent
-                elif followed.over:
+                elif followed.has_ended:
                     break
                 else:
                     with suppress(TimeoutError):
                         async with asyncio.timeout(self.ALLOWED_SECONDS):
                             await followed.changed.wait()
-                if clock() - asked_at >= self.ALLOWED_SECONDS:
-                    asked_at = clock()
+                if clock() - checked_at >= self.ALLOWED_SECONDS:
+                    checked_at = clock()
                     with suppress(
                         StoreUnavailableError
                     ):  # the former permission holds until the database answers
@@ -151,7 +153,7 @@ class Followers:
             await task  # raises the error of a failed poll
 
     async def wait(self, jobs: Jobs, job_id: str, seconds: float) -> None:
-        """Wait until a job has ended, for so many seconds at most, or until the service is about to end."""
+        """Wait until a job has ended, at most `seconds`, or until the service is about to end."""
         with suppress(TimeoutError):
             async with asyncio.timeout(seconds), aclosing(self.events(jobs, job_id)) as events:
                 async for _ in events:
@@ -163,43 +165,43 @@ class Followers:
         try:
             while self._followed and not self._is_closing():
                 began = clock()
-                followed = {job_id: each for job_id, each in self._followed.items() if not each.over}
+                followed = {job_id: each for job_id, each in self._followed.items() if not each.has_ended}
                 with suppress(
                     StoreUnavailableError
                 ):  # polling continues, however long the database is not available
-                    for job_id, news in (await run_in_threadpool(_find_news, followed)).items():
-                        followed[job_id].publish(news)
-                await asyncio.sleep(max(self._pause, _PAUSE_PER_LOOK * (clock() - began)))
+                    for job_id, event in (await run_in_threadpool(_read_events, followed)).items():
+                        followed[job_id].publish(event)
+                await asyncio.sleep(max(self._pause, _PAUSE_PER_POLL_TIME * (clock() - began)))
         finally:
             left, self._followed = self._followed, {}
             for each in left.values():
                 each.publish(None)
 
 
-def _find_news(followed: Mapping[str, _Followed]) -> dict[str, ServerSentEvent | None]:
-    """Return the event of each followed job by its id, with one query for all jobs of a kind."""
+def _read_events(followed: Mapping[str, _FollowedJob]) -> dict[str, ServerSentEvent | None]:
+    """Return the present event of each followed job by the job's id; one query reads all jobs of a kind."""
     kinds: dict[Jobs, list[str]] = {}
     for job_id, each in followed.items():
         kinds.setdefault(each.jobs, []).append(job_id)
     statuses = {
         job_id: at for jobs, ids in kinds.items() for job_id, at in jobs.records.statuses(ids).items()
     }
-    return {job_id: each.look(job_id, statuses.get(job_id)) for job_id, each in followed.items()}
+    return {job_id: each.make_event(job_id, statuses.get(job_id)) for job_id, each in followed.items()}
 
 
-def _job_at(status: JobStatus, job: Job) -> Job:
+def _update_job(status: JobStatus, job: Job) -> Job:
     """Return a job with the state and the progress of a newer status."""
     progress = job.progress and job.progress.model_copy(update={"done": status.done})
     return job.model_copy(update={"state": status.state, "progress": progress})
 
 
-def _progress_event(name: str, job: Job) -> ServerSentEvent:
-    """Return an event of a name with id, state and progress of a job."""
+def _make_event(name: str, job: Job) -> ServerSentEvent:
+    """Return a server-sent event with this name that contains id, state and progress of a job."""
     return ServerSentEvent(event=name, raw_data=job.model_dump_json(include={"id", "state", "progress"}))
 
 
 JobId = Annotated[str, Path(max_length=64, description="Id of the job.")]
-AskedBy = Annotated[AccessKey | None, KeyOf]
+RequesterKey = Annotated[AccessKey | None, KeyOf]
 Wait = Annotated[WaitQuery, Query()]
 ANY_JOB: Final[Any] = Annotated[
     Union[tuple(kind.message for kind in KINDS)],  # noqa: UP007 - of types known at run time
@@ -211,13 +213,13 @@ ANY_JOB: Final[Any] = Annotated[
 class JobRoute(BodyRoute):
     """Route that stores a job; if the child process has stored it, this process waits for the job's end."""
 
-    async def after_child(self, request: Request, response: Response) -> Response:
+    async def finish_child_answer(self, request: Request, response: Response) -> Response:
         """Wait for the end of a job that the child process has stored: the child itself does not wait."""
         if response.status_code != 202:
             return response
         wait = float(
             request.query_params.get("wait", WaitQuery().wait)
-        )  # surely a number, as the child has validated the request
+        )  # certainly a number, because the child has validated the request
         job_id = response.headers["Location"].rpartition("/")[2]  # not from the body, which may be compressed
         jobs = await run_in_threadpool(request.app.state.parts.jobs_of, job_id)
         record = await run_in_threadpool(jobs.records.get, job_id)
@@ -225,7 +227,7 @@ class JobRoute(BodyRoute):
 
 
 async def answer(jobs: Jobs, record: JobRecord, wait: float, followers: Followers) -> Response:
-    """Return the answer with a new job: 201 if it ends within `wait` seconds, else 202."""
+    """Return the HTTP answer with a new job: status 201 if the job ends within `wait` seconds, else 202."""
     answered = jobs.kind.answered
     if record.state not in OPEN_STATES:
         return answers.answer_created(JOB.collection, record.id, answered(record.document))
@@ -243,21 +245,23 @@ async def answer(jobs: Jobs, record: JobRecord, wait: float, followers: Follower
 
 
 class Posted:
-    """Post of a job: the requester, and how long the answer waits for the job's end [s]."""
+    """Request that posts a job, with its requester, and the time to wait for the job's end [s]."""
 
-    def __init__(self, request: Request, parts: answers.PartsOf, asked_by: AskedBy, query: Wait) -> None:
+    def __init__(
+        self, request: Request, parts: answers.InjectedParts, asked_by: RequesterKey, query: Wait
+    ) -> None:
         self.request, self.parts, self.by, self.wait = request, parts, asked_by, query.wait
 
     async def answer(
-        self, kind: str, create: Callable[[Jobs], JobRecord], turns: CapacityLimiter | None = None
+        self, kind: str, create: Callable[[Jobs], JobRecord], limiter: CapacityLimiter | None = None
     ) -> Response:
-        """Create a job of a kind in a thread of the limiter `turns`; return the answer, as `answer` does."""
+        """Create a job of a kind in a thread of the limiter; return 201 if it ends in time, else 202."""
         jobs, state = self.parts.jobs[kind], self.request.app.state
-        record = await run_sync(create, jobs, limiter=turns or state.work)
+        record = await run_sync(create, jobs, limiter=limiter or state.work)
         return await answer(jobs, record, self.wait, state.followers)
 
 
-PostOf = Annotated[Posted, Depends()]
+InjectedPost = Annotated[Posted, Depends()]
 
 
 def make_post_route(kind: AnyKind) -> APIRouter:
@@ -271,10 +275,10 @@ def make_post_route(kind: AnyKind) -> APIRouter:
         description=kind.description,
         status_code=201,
         response_model=kind.message,
-        responses=answers.describe_accepted(kind.message),
+        responses=answers.describe_post_responses(kind.message),
     )
     async def create(
-        posted: PostOf,
+        posted: InjectedPost,
         body: Annotated[kind.request, json_body(kind.examples)],  # type: ignore[name-defined]
         key: Key,
     ) -> Response:
@@ -297,20 +301,22 @@ _Listed = create_model("JobSummary", __base__=JobSummary, kind=(_Kind, ...))
 
 
 @router.get("", dependencies=[VIEWER], response_model=Page[_Listed])
-def list_jobs(parts: answers.PartsOf, query: Annotated[_Listing, Query()]) -> Page[JobSummary]:
+def list_jobs(parts: answers.InjectedParts, query: Annotated[_Listing, Query()]) -> Page[JobSummary]:
     """List jobs of all kinds, or of one, without their results."""
     return parts.page(query)
 
 
 @router.get("/{job_id}", dependencies=[VIEWER], response_model=ANY_JOB, responses=answers.NOT_MODIFIED)
-def get_job(request: Request, parts: answers.PartsOf, job_id: JobId) -> Response:
+def get_job(request: Request, parts: answers.InjectedParts, job_id: JobId) -> Response:
     """Get a job: request, state, result and provenance. Once it has ended, it never changes."""
     return answers.answer_with_tag(request, parts.job(job_id))
 
 
 @router.patch("/{job_id}", dependencies=[OPERATOR], response_model=ANY_JOB)
 def change_job(
-    parts: answers.PartsOf, job_id: JobId, body: Annotated[JobChange, json_body(EXAMPLES["job_changes"])]
+    parts: answers.InjectedParts,
+    job_id: JobId,
+    body: Annotated[JobChange, json_body(EXAMPLES["job_changes"])],
 ) -> Response:
     """Cancel, delete or restore a job of any kind, and get it.
 
@@ -328,7 +334,7 @@ def change_job(
 
 
 async def _events_of_job(
-    request: Request, parts: answers.PartsOf, job_id: JobId
+    request: Request, parts: answers.InjectedParts, job_id: JobId
 ) -> AsyncIterator[ServerSentEvent]:
     """Return the events of a job, for as long as the requester's key is valid."""
     # Checked before the stream begins, so that a missing job is answered 404 and not by an event.
@@ -354,18 +360,18 @@ async def follow_job(
     name="get_job_file",
     description=FILES_DESCRIPTION,
     response_class=Response,
-    responses=FILES | answers.NOT_MODIFIED | problems(409),
+    responses=FILES | answers.NOT_MODIFIED | describe_problems(409),
 )
 async def get_job_file(
     request: Request,
-    parts: answers.PartsOf,
+    parts: answers.InjectedParts,
     job_id: JobId,
     name: Annotated[str, Path(max_length=200)],
     query: Annotated[FileQuery, Query()],
 ) -> Response:
     """Get a file of a job."""
     jobs = await run_in_threadpool(parts.jobs_of, job_id)
-    # Computation may take seconds: it is queued, so that other requests are answered meanwhile.
-    turns = None if needs_no_work(jobs.kind, name) else large_bodies(request)
-    content = await run_sync(make_file, request, parts, jobs, job_id, name, query, limiter=turns)
+    # Computing a file may take seconds: the limiter keeps threads free for other requests.
+    limiter = None if needs_no_work(jobs.kind, name) else limiter_of_large_work(request)
+    content = await run_sync(make_file, request, parts, jobs, job_id, name, query, limiter=limiter)
     return answers.answer_with_tag(request, content.body, content.media_type, content.headers)

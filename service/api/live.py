@@ -17,15 +17,15 @@ from jointstiff.schemas.measurement import Observation
 from jointstiff.service.api import answers
 from jointstiff.service.api.bodies import BodyRoute, json_body
 from jointstiff.service.api.examples import EXAMPLES
-from jointstiff.service.api.jobs import AskedBy
+from jointstiff.service.api.jobs import RequesterKey
 from jointstiff.service.live.stored import OpenSets
 from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, requester_of
 
 Id = Annotated[str, Path(max_length=64, description="Id of the set.")]
-LOOK_SECONDS: Final = 0.5
+POLL_SECONDS: Final = 0.5
 """Pause between two polls of an open set that is followed [s]."""
-LOOKS: Final = 10
-"""Number of polls after which permission is checked again."""
+POLLS_PER_CHECK: Final = 10
+"""Number of polls after which the service checks again whether the client may follow."""
 QUIET_SECONDS: Final = 15.0
 """Silence after which a comment is sent, as FastAPI does in the events of jobs [s].
 
@@ -38,10 +38,10 @@ router = APIRouter(prefix="/v1/measurement-sets/{set_id}", tags=["measurement se
 @router.post("/observations", dependencies=[OPERATOR], status_code=201, response_model=LiveState)
 async def add_observation(
     request: Request,
-    parts: answers.PartsOf,
+    parts: answers.InjectedParts,
     set_id: Id,
     body: Annotated[Observation, json_body(EXAMPLES["observations"])],
-    by: AskedBy,
+    by: RequesterKey,
 ) -> Response:
     """Add an observation to an open set, and get what all of them say.
 
@@ -60,7 +60,7 @@ async def add_observation(
 )
 async def get_next(
     request: Request,
-    parts: answers.PartsOf,
+    parts: answers.InjectedParts,
     set_id: Id,
     follow: Annotated[
         bool, Query(description="True for a stream of events, one `state` with each change.")
@@ -73,12 +73,12 @@ async def get_next(
     state = await run_sync(parts.live.state, set_id, limiter=request.app.state.work)
     if not follow:
         return answers.answer_with_tag(request, state.model_dump_json())
-    return EventSourceResponse(_events(request, parts.live, set_id, state))
+    return EventSourceResponse(_stream_states(request, parts.live, set_id, state))
 
 
 @router.get("/code.svg", dependencies=[VIEWER], include_in_schema=False)  # a part of the page
 def get_code(
-    parts: answers.PartsOf,
+    parts: answers.InjectedParts,
     set_id: Id,
     page: Annotated[
         str, Query(max_length=400, pattern=r"^https?://[^\s#]+$", description="Address of the page.")
@@ -97,7 +97,7 @@ def get_code(
 
 @router.post("/close", dependencies=[OPERATOR], response_model=LiveState)
 async def close_measurement_set(
-    request: Request, parts: answers.PartsOf, set_id: Id, by: AskedBy
+    request: Request, parts: answers.InjectedParts, set_id: Id, by: RequesterKey
 ) -> Response:
     """Close an open set: it becomes an ordinary measurement set of the same id, and gets a run.
 
@@ -108,26 +108,29 @@ async def close_measurement_set(
     return answers.json_response(state.model_dump_json())
 
 
-async def _events(request: Request, sets: OpenSets, set_id: str, latest: LiveState) -> AsyncIterator[bytes]:
+async def _stream_states(
+    request: Request, sets: OpenSets, set_id: str, latest: LiveState
+) -> AsyncIterator[bytes]:
     """Yield an event with the state of an open set at each change.
 
     The stream ends when the set or the service is closed, or when the requester's key is no longer valid.
     `latest` is the first state.
     """
     gate: Gate = request.app.state.gate
-    sent, looks, quiet = -1, 0, 0.0
+    # The revision that was sent last, the number of polls, and the time since the last event or comment [s].
+    sent, polls, quiet = -1, 0, 0.0
     while not request.app.state.is_closing():
         if latest.revision != sent:
             sent, quiet = latest.revision, 0.0
             yield format_sse_event(event="state", data_str=latest.model_dump_json())
         if latest.state == "closed":
             return
-        await anyio.sleep(LOOK_SECONDS)
-        looks, quiet = looks + 1, quiet + LOOK_SECONDS
+        await anyio.sleep(POLL_SECONDS)
+        polls, quiet = polls + 1, quiet + POLL_SECONDS
         if quiet >= QUIET_SECONDS:
             quiet = 0.0
             yield KEEPALIVE_COMMENT
-        if looks % LOOKS == 0 and not await gate.still_opens(request, requester_of(request).key):
+        if polls % POLLS_PER_CHECK == 0 and not await gate.still_opens(request, requester_of(request).key):
             return
         if await run_in_threadpool(sets.revision, set_id) != sent:
             latest = await run_sync(sets.state, set_id, limiter=request.app.state.work)

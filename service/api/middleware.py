@@ -22,11 +22,11 @@ from jointstiff.service.api.health import Metrics
 from jointstiff.service.problems import StoreError, http_problem
 from jointstiff.service.process import ACCESS_LOGGER, REQUEST_ID
 from jointstiff.service.security.access import REQUESTER, Audit, Gate, Requester, address_of, public_paths
-from jointstiff.service.security.admission import SAFE, Posture, is_loopback, refusal
-from jointstiff.service.security.keys import without_keys
+from jointstiff.service.security.admission import SAFE, AccessPolicy, find_refusal, is_loopback
+from jointstiff.service.security.keys import hide_secrets
 
 _LIVENESS_PATH: Final = "/live"
-"""Address for liveness probes of containers, which is answered even before a key exists."""
+"""Path for liveness probes of containers, which the service answers even before a key exists."""
 _NO_KEY_YET: Final = (
     "this service has no key yet, so it answers only requests from its own machine",
     "create one with `jointstiff keys create NAME --role ROLE` where the service runs (`docker exec` in a "
@@ -41,7 +41,7 @@ class Guard:
     """Middleware that checks host, origin and key of a request, refuses or forwards it, and audits it."""
 
     def __init__(
-        self, app: ASGIApp, posture: Posture, gate: Gate, audit: Audit, routes: Iterable[BaseRoute]
+        self, app: ASGIApp, posture: AccessPolicy, gate: Gate, audit: Audit, routes: Iterable[BaseRoute]
     ) -> None:
         """Wrap an application.
 
@@ -50,13 +50,13 @@ class Guard:
         """
         self._app = app
         self._posture, self._gate, self._audit = posture, gate, audit
-        self._paths, self._mounts = public_paths(routes)
+        self._public_paths, self._public_mounts = public_paths(routes)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Forward a request, with its requester in the scope, or refuse it."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
-        elif problem := refusal(self._posture, scope):
+        elif problem := find_refusal(self._posture, scope):
             await answer_problem(problem)(scope, receive, send)
         elif REQUESTER in scope:  # another process of the service has identified the requester
             await self._app(scope, receive, send)
@@ -65,7 +65,7 @@ class Guard:
             await self._admit(requester, scope, receive, send)
 
     async def _admit(self, requester: Requester, scope: Scope, receive: Receive, send: Send) -> None:
-        """Forward a request or refuse it by its key; requests that may change something are audited.
+        """Forward a request, or refuse it because of its key; audit requests that may change something.
 
         Without access control, every request is forwarded; static files need no key.
         """
@@ -77,7 +77,7 @@ class Guard:
             and await self._gate.awaits_key()
         ):
             await answer_problem(http_problem(403, *_NO_KEY_YET))(scope, receive, send)
-        elif scope["path"].startswith(self._mounts):
+        elif scope["path"].startswith(self._public_mounts):
             await self._app(scope, receive, send)
         elif scope["method"] in SAFE:
             await self._authorise_and_forward(requester, scope, receive, send)
@@ -92,14 +92,14 @@ class Guard:
     async def _authorise_and_forward(
         self, requester: Requester, scope: Scope, receive: Receive, send: Send
     ) -> None:
-        """Forward a request whose key has the role `viewer`; public paths need none.
+        """Forward a request whose key has at least the role `viewer`; public paths need no key.
 
-        A public path of the API still reads the key, for the audit.
+        On a public path of the API, the key is read nevertheless, because the audit names it.
         """
-        is_public = scope["path"] in self._paths
+        is_public = scope["path"] in self._public_paths
         try:
             if not is_public or scope["path"].startswith("/v1/"):
-                requester.key = await self._gate.caller(HTTPConnection(scope), requester.address)
+                requester.key = await self._gate.find_key(HTTPConnection(scope), requester.address)
             if not is_public:
                 requester.require("viewer")
         except StoreError as error:
@@ -128,27 +128,31 @@ class Methods:
             await self._app(scope, receive, self._add_allow_header(scope, send))
 
     async def _answer_head(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer HEAD with the headers of GET, and cancel GET then, as its body may be an endless stream."""
+        """Answer HEAD with the headers of GET, then cancel GET, because its body may be an endless stream."""
         with anyio.CancelScope() as rest:
 
-            async def only_headers(message: Message) -> None:
+            async def send_only_headers(message: Message) -> None:
+                """Send the headers and an empty body, then cancel the handler of GET."""
                 await send(message)
                 await send({"type": "http.response.body"})
                 rest.cancel()
                 await checkpoint()
 
-            await self._app({**scope, "method": "GET"}, receive, self._add_allow_header(scope, only_headers))
+            await self._app(
+                {**scope, "method": "GET"}, receive, self._add_allow_header(scope, send_only_headers)
+            )
 
     def _add_allow_header(self, scope: Scope, send: Send) -> Send:
         """Return a `send` that adds the header `Allow` to answers with status 405."""
         request_scope = dict(scope)  # a copy, as a mount changes the scope
 
-        async def sent(message: Message) -> None:
+        async def send_with_allow(message: Message) -> None:
+            """Send a message; with status 405, add the header `Allow` before."""
             if message.get("status") == _METHOD_NOT_ALLOWED:
                 MutableHeaders(scope=message)["Allow"] = self._allowed_methods(request_scope)
             await send(message)
 
-        return sent
+        return send_with_allow
 
     def _allowed_methods(self, scope: Scope) -> str:
         """Return the methods of a request's address as text for `Allow`; empty for an unknown address."""
@@ -180,8 +184,11 @@ UNCOMPRESSED_TYPES: Final = (
 
 
 KNOWN_ID: Final = "jointstiff.request_id"
-"""Key in the scope with the id of a forwarded request; the forwarding process counts and logs the request."""
-_COUNTED: Final = frozenset({"DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT"})
+"""Key of the scope that holds the id of a request which another process of the service forwarded.
+
+That process counts and logs the request, so this one does not.
+"""
+_COUNTED_METHODS: Final = frozenset({"DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT"})
 
 _logger = logging.getLogger(ACCESS_LOGGER)
 
@@ -210,9 +217,10 @@ class Observed:
         REQUEST_ID.set(
             identifier
         )  # for this request's task, also for answers to unexpected errors outside this middleware
-        status, began = 500, time.monotonic()
+        status, started = 500, time.monotonic()
 
-        async def sent(message: Message) -> None:
+        async def send_and_record_status(message: Message) -> None:
+            """Add missing standard headers, send the message, and note the status of the answer."""
             nonlocal status
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
@@ -224,14 +232,14 @@ class Observed:
             )  # only after `send`, which fails if the connection is closed
 
         try:
-            await self._app(scope, receive, sent)
+            await self._app(scope, receive, send_and_record_status)
         finally:
-            seconds = time.monotonic() - began
-            method = scope["method"] if scope["method"] in _COUNTED else "other"
+            seconds = time.monotonic() - started
+            method = scope["method"] if scope["method"] in _COUNTED_METHODS else "other"
             route = getattr(scope.get("route"), "path", "other")
             self._metrics.count(method, route, status, seconds)
             if _logger.isEnabledFor(logging.INFO):
-                path = without_keys(
+                path = hide_secrets(
                     scope["path"]
                 )  # hides a key that a client put into the address by mistake
                 line = {"method": method, "path": path, "status": status, "seconds": round(seconds, 4)}

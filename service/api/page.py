@@ -35,7 +35,7 @@ DOCS_HEADERS: Final = SECURITY_HEADERS | {
     _POLICY: SECURITY_HEADERS[_POLICY].replace("form-action 'none'", "form-action 'self'"),
     "Cache-Control": "no-cache",
 }
-"""Headers of the documentation: as of the page, but with the form that searches the documentation."""
+"""Headers of the documentation: those of the page, but forms are allowed, to search the documentation."""
 
 _MISSING_PAGE = "The dashboard is not built: install the package again (scripts/setup). The API is at /v1.\n"
 _MISSING_DOCS = """<!doctype html>
@@ -62,7 +62,7 @@ class _Files(StaticFiles):
         super().__init__(directory=folder, check_dir=False)
 
     async def check_config(self) -> None:
-        """Do not require the folder: it may be built later."""
+        """Do nothing: Starlette would require the folder here, but it may be built later."""
 
 
 class _Assets(_Files):
@@ -72,7 +72,7 @@ class _Assets(_Files):
         """Return a file, in its packed form if the browser accepts gzip."""
         try:
             is_packed = (await run_sync(self.lookup_path, f"{path}.gz"))[1] is not None
-        except (OSError, ValueError):  # the operating system accepts no such name
+        except (OSError, ValueError):  # the operating system does not accept this file name
             raise HTTPException(404) from None
         takes_packed = is_packed and "gzip" in Headers(scope=scope).get("accept-encoding", "")
         response = await super().get_response(f"{path}.gz" if takes_packed else path, scope)
@@ -105,20 +105,20 @@ class _Docs(_Files):
 def install_page(app: FastAPI, bundle: Path = BUNDLE, docs: Path = DOCS) -> None:
     """Serve the page at / and the documentation at /docs/; the API answers all other paths."""
 
-    def page() -> Response:
+    def send_page() -> Response:
         if not (bundle / "index.html").is_file():
             return PlainTextResponse(_MISSING_PAGE, 503)
         return FileResponse(bundle / "index.html", headers=SECURITY_HEADERS | {"Cache-Control": "no-cache"})
 
-    def icon() -> Response:
+    def send_icon() -> Response:
         return FileResponse(bundle / "favicon.svg", headers=SECURITY_HEADERS)
 
-    def notices() -> Response:
+    def send_notices() -> Response:
         return FileResponse(bundle / "notices.txt", headers=SECURITY_HEADERS)
 
-    _add_public_route(app, "/", page)
-    _add_public_route(app, "/notices.txt", notices)
-    _add_public_route(app, "/favicon.svg", icon)
+    _add_public_route(app, "/", send_page)
+    _add_public_route(app, "/notices.txt", send_notices)
+    _add_public_route(app, "/favicon.svg", send_icon)
     app.mount("/assets", _Assets(bundle / "assets"), name="assets")
     _install_docs(app, docs)
 
@@ -132,34 +132,35 @@ def _add_public_route(app: FastAPI, path: str, endpoint: Callable[[], Response])
 def _install_docs(app: FastAPI, docs: Path) -> None:
     """Serve the documentation in the folder `docs` at /docs/, and redirect /docs there."""
 
-    def enter() -> Response:
+    def redirect_to_docs() -> Response:
         return RedirectResponse("docs/")  # a relative address, as the Host header may be forged
 
-    def index() -> Response:
+    def send_docs_index() -> Response:
         if not (docs / "index.html").is_file():
             return HTMLResponse(_missing_docs_page("../"), 404, headers=SECURITY_HEADERS)
         return FileResponse(docs / "index.html", headers=DOCS_HEADERS)
 
-    _add_public_route(app, "/docs", enter)
-    _add_public_route(app, "/docs/", index)
+    _add_public_route(app, "/docs", redirect_to_docs)
+    _add_public_route(app, "/docs/", send_docs_index)
     app.mount("/docs", _Docs(docs), name="docs")
 
 
 def install_description(app: FastAPI) -> None:
-    """Serve the OpenAPI description at /openapi.json, written once, in a thread.
+    """Serve the OpenAPI description at /openapi.json; a thread writes it at the first request only.
 
     FastAPI's own route would write the description for each request, and block all other requests meanwhile.
     """
-    writing = Lock()  # of several requests at once, one writes; the others wait without a thread
+    write_lock = Lock()  # if several requests come at once, the first one writes and the others wait
     description = b""
 
-    def written() -> bytes:
+    def write_description() -> bytes:
         return json.dumps(app.openapi(), ensure_ascii=False, separators=(",", ":")).encode()
 
     async def get_description() -> Response:
+        """Return the description as JSON; the first request waits until it is written."""
         nonlocal description
-        async with writing:
-            description = description or await run_sync(written)
+        async with write_lock:
+            description = description or await run_sync(write_description)
         return Response(description, media_type="application/json")
 
     route = AccessRoute("/openapi.json", get_description, dependencies=[VIEWER], include_in_schema=False)

@@ -22,13 +22,13 @@ from jointstiff.schemas.robot import (
 )
 from jointstiff.service.api import answers
 from jointstiff.service.api.bodies import BodyRoute, Key, json_body
-from jointstiff.service.api.description import problems
+from jointstiff.service.api.description import describe_problems
 from jointstiff.service.api.examples import EXAMPLES
-from jointstiff.service.api.jobs import AskedBy
+from jointstiff.service.api.jobs import RequesterKey
 from jointstiff.service.conversion.catalogue import catalogue
 from jointstiff.service.conversion.robots import to_postures
 from jointstiff.service.problems import ClosedError
-from jointstiff.service.resources.stored import assembled, described
+from jointstiff.service.resources.stored import robot_from_record, set_from_record
 from jointstiff.service.security.access import OPERATOR, VIEWER
 from jointstiff.solver.errors import RequestError
 
@@ -48,7 +48,7 @@ trends = APIRouter(tags=["trends"], route_class=BodyRoute)
     responses=answers.LOCATION,
 )
 def create_robot(
-    parts: answers.PartsOf, body: Annotated[RobotDocument, json_body(EXAMPLES["robots"])], key: Key
+    parts: answers.InjectedParts, body: Annotated[RobotDocument, json_body(EXAMPLES["robots"])], key: Key
 ) -> Response:
     """Store a robot.
 
@@ -58,11 +58,11 @@ def create_robot(
     the identified model, and the geometry's id.
     """
     record = parts.robots.create(body, key)
-    return answers.answer_created("robots", record.id, described(record).model_dump_json())
+    return answers.answer_created("robots", record.id, robot_from_record(record).model_dump_json())
 
 
 @robots.get("/v1/robots", dependencies=[VIEWER], response_model=Page[RobotSummary])
-def list_robots(parts: answers.PartsOf, query: Annotated[RobotQuery, Query()]) -> Page[RobotSummary]:
+def list_robots(parts: answers.InjectedParts, query: Annotated[RobotQuery, Query()]) -> Page[RobotSummary]:
     """List robots, with the last campaign of each."""
     page = parts.store.robots.page(**query.listing())
     items = [
@@ -85,9 +85,9 @@ def list_robots(parts: answers.PartsOf, query: Annotated[RobotQuery, Query()]) -
     response_model=Robot,
     responses=answers.NOT_MODIFIED,
 )
-def get_robot(request: Request, parts: answers.PartsOf, robot_id: RobotId) -> Response:
+def get_robot(request: Request, parts: answers.InjectedParts, robot_id: RobotId) -> Response:
     """Get a robot, with its kinematics as they were understood, and its last campaign."""
-    robot = described(parts.store.robots.get(robot_id))
+    robot = robot_from_record(parts.store.robots.get(robot_id))
     latest = parts.trends.last_campaign(parts.store.robots.entry(robot_id))
     return answers.answer_with_tag(
         request, robot.model_copy(update={"last_campaign": latest}).model_dump_json()
@@ -96,7 +96,7 @@ def get_robot(request: Request, parts: answers.PartsOf, robot_id: RobotId) -> Re
 
 @robots.patch("/v1/robots/{robot_id}", dependencies=[OPERATOR], response_model=Robot)
 def change_robot(
-    parts: answers.PartsOf,
+    parts: answers.InjectedParts,
     robot_id: RobotId,
     body: Annotated[RobotChange, json_body(EXAMPLES["robot_changes"])],
 ) -> Response:
@@ -105,7 +105,7 @@ def change_robot(
     A robot that a measurement set or a job
     refers to cannot be deleted; a deleted one can be restored for 30 days.
     """
-    return answers.json_response(described(parts.robots.change(robot_id, body)).model_dump_json())
+    return answers.json_response(robot_from_record(parts.robots.change(robot_id, body)).model_dump_json())
 
 
 @robots.get("/v1/catalogue", dependencies=[VIEWER], response_model=Catalogue)
@@ -122,10 +122,10 @@ def get_catalogue() -> Catalogue:
     "/v1/kinematics",
     dependencies=[VIEWER],  # a viewer may draw any robot, as nothing is stored
     response_model=list[Posture],
-    responses=problems(404),
+    responses=describe_problems(404),
 )
 def compute_kinematics(
-    parts: answers.PartsOf,
+    parts: answers.InjectedParts,
     body: KinematicsRequest,
 ) -> list[Posture]:
     """Compute where joints and flange are in some configurations. Nothing is stored.
@@ -143,7 +143,7 @@ def compute_kinematics(
     responses=answers.LOCATION,
 )
 def create_measurement_set(
-    parts: answers.PartsOf,
+    parts: answers.InjectedParts,
     body: Annotated[MeasurementSetPost, json_body(EXAMPLES["measurement_sets"])],
     key: Key,
 ) -> Response:
@@ -164,15 +164,15 @@ def create_measurement_set(
         raise RequestError(
             "must have at least 1 item",
             where="observations",
-            remedy="give them, or `open` for readings that are still to be taken",
+            remedy="give `observations`; or give `open`, if the readings are still to be measured",
         )
     record = parts.sets.create(body, key)
-    return answers.answer_created("measurement-sets", record.id, assembled(record).model_dump_json())
+    return answers.answer_created("measurement-sets", record.id, set_from_record(record).model_dump_json())
 
 
 @sets.get("/v1/measurement-sets", dependencies=[VIEWER], response_model=Page[MeasurementSetSummary])
 def list_measurement_sets(
-    parts: answers.PartsOf, query: Annotated[SetQuery, Query()]
+    parts: answers.InjectedParts, query: Annotated[SetQuery, Query()]
 ) -> Page[MeasurementSetSummary]:
     """List measurement sets without their observations; or those that are measured live."""
     if query.open:
@@ -188,7 +188,7 @@ def list_measurement_sets(
     response_model=MeasurementSet,
     responses=answers.NOT_MODIFIED,
 )
-def get_measurement_set(request: Request, parts: answers.PartsOf, set_id: SetId) -> Response:
+def get_measurement_set(request: Request, parts: answers.InjectedParts, set_id: SetId) -> Response:
     """Get a measurement set as it was posted, with what was noticed; or an open one, as far as it is read."""
     document = parts.live.document(set_id) if parts.live.is_open(set_id) else parts.sets.document(set_id)
     return answers.answer_with_tag(request, document.model_dump_json())
@@ -196,10 +196,10 @@ def get_measurement_set(request: Request, parts: answers.PartsOf, set_id: SetId)
 
 @sets.patch("/v1/measurement-sets/{set_id}", dependencies=[OPERATOR], response_model=MeasurementSetSummary)
 def change_measurement_set(
-    parts: answers.PartsOf,
+    parts: answers.InjectedParts,
     set_id: SetId,
     body: Annotated[SetChange, json_body(EXAMPLES["set_changes"])],
-    by: AskedBy,
+    by: RequesterKey,
 ) -> MeasurementSetSummary:
     """Change name and metadata of a measurement set, delete it, or restore it.
 
@@ -208,7 +208,7 @@ def change_measurement_set(
     can be restored for 30 days. Of an open set, readings are withdrawn or kept, and postures skipped.
     """
     if parts.live.is_open(set_id):
-        return parts.live.changed(set_id, body, by)
+        return parts.live.apply_change(set_id, body, by)
     if body.is_live:
         raise ClosedError(set_id)
     changes = body.model_dump(exclude={"withdrawn", "kept", "skipped"}, exclude_unset=True)
@@ -218,7 +218,7 @@ def change_measurement_set(
 
 @trends.get("/v1/robots/{robot_id}/trend", dependencies=[VIEWER], response_model=trend.Trend)
 def get_trend(
-    parts: answers.PartsOf, robot_id: RobotId, query: Annotated[trend.TrendQuery, Query()]
+    parts: answers.InjectedParts, robot_id: RobotId, query: Annotated[trend.TrendQuery, Query()]
 ) -> trend.Trend:
     """Get the trend of a robot: each joint over its campaigns, and whether the latest differs from the first.
 

@@ -25,7 +25,7 @@ from jointstiff.schemas.program import MAX_FILES as MAX_PROGRAM_FILES
 from jointstiff.schemas.program import Program, ProgramRequest
 from jointstiff.schemas.robot import CatalogueModel, RobotDocument
 from jointstiff.schemas.run import Campaign, Run, RunRequest
-from jointstiff.service.api.answers import PartsOf, describe_accepted, json_response
+from jointstiff.service.api.answers import InjectedParts, describe_post_responses, json_response
 from jointstiff.service.api.bodies import (
     MAX_FILES,
     BodyRoute,
@@ -34,26 +34,26 @@ from jointstiff.service.api.bodies import (
     bind_key,
     garbage_collector_paused,
     json_body,
-    large_bodies,
+    limiter_of_large_work,
 )
-from jointstiff.service.api.description import problems
+from jointstiff.service.api.description import describe_problems
 from jointstiff.service.api.examples import EXAMPLES
-from jointstiff.service.api.jobs import JobId, JobRoute, PostOf
+from jointstiff.service.api.jobs import InjectedPost, JobId, JobRoute
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.jobs import Jobs, Parts
 from jointstiff.service.kinds.program.kind import PROGRAM
-from jointstiff.service.kinds.program.work import packed
-from jointstiff.service.problems import NotFoundError, place_in
+from jointstiff.service.kinds.program.work import compress_file
+from jointstiff.service.problems import NotFoundError, place_in_document
 from jointstiff.service.resources.imports import import_files
-from jointstiff.service.resources.stored import described, stored_job
+from jointstiff.service.resources.stored import load_job, robot_from_record
 from jointstiff.service.runs.deflection import predict_by_run
-from jointstiff.service.runs.mending import mended
+from jointstiff.service.runs.mending import mend_campaign
 from jointstiff.service.security.access import OPERATOR
 from jointstiff.service.store.collection import Collection
 from jointstiff.service.store.tables import IdempotencyKey, JobRecord
 from jointstiff.solver.errors import JointstiffError, RequestError
 
-Part = TypeVar("Part", bound=Message)
+AMessage = TypeVar("AMessage", bound=Message)
 
 router = APIRouter(tags=["runs"], route_class=JobRoute)
 deflections = APIRouter(tags=["runs"], route_class=BodyRoute)
@@ -105,10 +105,10 @@ _ProgramOptions = Annotated[Json[ProgramRequest], Form(examples=[json.dumps(_PRO
     dependencies=[OPERATOR],
     status_code=201,
     response_model=Run,
-    responses=describe_accepted(Run),
+    responses=describe_post_responses(Run),
 )
 async def apply_action(
-    posted: PostOf, run_id: JobId, body: Annotated[Action, json_body(EXAMPLES["actions"])]
+    posted: InjectedPost, run_id: JobId, body: Annotated[Action, json_body(EXAMPLES["actions"])]
 ) -> Response:
     """Apply an action of a run's assessment, and identify: the new run is a `variant_of` this one.
 
@@ -117,13 +117,14 @@ async def apply_action(
     """
 
     def create(jobs: Jobs) -> JobRecord:
-        variant = _request_after_action(posted.parts, cast("Run", jobs.current(run_id)), body)
-        return jobs.create(variant, _key_of_content(variant.model_dump_json()), posted.by)
+        """Store the changed inputs and the job of the new run; return the job's record."""
+        variant = _make_request_after_action(posted.parts, cast("Run", jobs.current(run_id)), body)
+        return jobs.create(variant, _make_key_from_content(variant.model_dump_json()), posted.by)
 
     return await posted.answer(Run.kind_name(), create)
 
 
-def _request_after_action(parts: Parts, run: Run, action: Action) -> RunRequest:
+def _make_request_after_action(parts: Parts, run: Run, action: Action) -> RunRequest:
     """Apply an action to the inputs of a run; store changed inputs, and return the request of the new run.
 
     Raises:
@@ -143,7 +144,7 @@ def _request_after_action(parts: Parts, run: Run, action: Action) -> RunRequest:
         left_out = dict.fromkeys([*request.leave_out, *action.observations])
         return request.model_copy(update={"leave_out": list(left_out)})
     stored = parts.sets.document(request.measurement_set_id)
-    robot = described(parts.store.robots.get(stored.robot_id))
+    robot = robot_from_record(parts.store.robots.get(stored.robot_id))
     before = Campaign(
         robot=RobotDocument(
             name=robot.name, model=robot.model, joint_map=robot.joint_map, bodies=robot.bodies
@@ -151,10 +152,10 @@ def _request_after_action(parts: Parts, run: Run, action: Action) -> RunRequest:
         measurement_set=_copy_fields(MeasurementSetDocument, stored),
         run=_copy_fields(RunOptions, request),
     )
-    after = mended(before, action)
+    after = mend_campaign(before, action)
     robot_id, set_id = stored.robot_id, stored.id
     if action.kind == "choose_robot":
-        robot_id = action.robot_id or _store_robot_once(parts, _catalogue_robot(action.robot or ""))
+        robot_id = action.robot_id or _store_robot_once(parts, _make_catalogue_robot(action.robot or ""))
     elif after.robot is not before.robot:
         robot_id = _store_robot_once(parts, after.robot)
     if after.robot is not before.robot or after.measurement_set is not before.measurement_set:
@@ -162,13 +163,13 @@ def _request_after_action(parts: Parts, run: Run, action: Action) -> RunRequest:
     return request.model_copy(update={**dict(after.run), "measurement_set_id": set_id})
 
 
-def _copy_fields(kind: type[Part], source: Message) -> Part:
-    """Return a message of a kind with the values that a larger message has in these fields."""
+def _copy_fields(kind: type[AMessage], source: Message) -> AMessage:
+    """Return a message of class `kind` whose fields are copied from `source`, a message with more fields."""
     return kind(**{name: getattr(source, name) for name in kind.model_fields})
 
 
-def _catalogue_robot(arm: str) -> RobotDocument:
-    """Return the document of the robot that is a nominal arm of the catalogue."""
+def _make_catalogue_robot(arm: str) -> RobotDocument:
+    """Return the document of a robot that is the arm of this name in the catalogue."""
     return RobotDocument(name=arm, model=CatalogueModel(format="catalogue", arm=arm))
 
 
@@ -193,14 +194,17 @@ def _store_once(
     """
     key_text = document.model_dump_json()
     while True:
-        record = create(document, _key_of_content(key_text))
+        record = create(document, _make_key_from_content(key_text))
         with suppress(NotFoundError):
             return str(stored.get(record.id).id)
         key_text += record.id  # this key belongs to a deleted record
 
 
-def _key_of_content(content: str) -> IdempotencyKey:
-    """Return the idempotency key that `Client` also makes of this content, with the content's hash."""
+def _make_key_from_content(content: str) -> IdempotencyKey:
+    """Return the idempotency key of a content, with the hash of the content.
+
+    The Python client makes the same key, so that a post by either stores the content only once.
+    """
     return IdempotencyKey(content_key(content), hashlib.sha256(content.encode()).hexdigest())
 
 
@@ -209,10 +213,10 @@ def _key_of_content(content: str) -> IdempotencyKey:
     dependencies=[OPERATOR],
     status_code=201,
     response_model=Run,
-    responses=describe_accepted(Run),
+    responses=describe_post_responses(Run),
 )
 async def create_campaign(
-    posted: PostOf, body: Annotated[Campaign, json_body(EXAMPLES["campaigns"])], key: Key
+    posted: InjectedPost, body: Annotated[Campaign, json_body(EXAMPLES["campaigns"])], key: Key
 ) -> Response:
     """Identify the joint stiffnesses of a campaign file: robot, readings and options in one document.
 
@@ -222,29 +226,32 @@ async def create_campaign(
     """
 
     def create(jobs: Jobs) -> JobRecord:
-        with _section_in_errors("robot"):
+        """Store robot and measurement set, each once, and the job of the run; return the job's record."""
+        with _name_section_in_errors("robot"):
             robot_id = _store_robot_once(posted.parts, body.robot)
-        with _section_in_errors("measurement_set"):
+        with _name_section_in_errors("measurement_set"):
             set_id = _store_set_once(posted.parts, body.measurement_set, robot_id)
-        with _section_in_errors("run"):
+        with _name_section_in_errors("run"):
             return jobs.create(RunRequest(**dict(body.run), measurement_set_id=set_id), key, posted.by)
 
     return await posted.answer(Run.kind_name(), create)
 
 
 @contextmanager
-def _section_in_errors(section: str) -> Iterator[None]:
+def _name_section_in_errors(section: str) -> Iterator[None]:
     """Put the name of a campaign's section in front of the place of errors raised in the block."""
     try:
         yield
     except JointstiffError as error:
-        error.where = place_in(section, error.where)
+        error.where = place_in_document(section, error.where)
         raise
 
 
 @deflections.post("/v1/deflections", dependencies=[OPERATOR], response_model=DeflectionResult)
 async def compute_deflections(
-    request: Request, parts: PartsOf, body: Annotated[DeflectionRequest, json_body(EXAMPLES["deflections"])]
+    request: Request,
+    parts: InjectedParts,
+    body: Annotated[DeflectionRequest, json_body(EXAMPLES["deflections"])],
 ) -> Response:
     """Predict deflection, rotation and Cartesian compliance by the model of a run. Nothing is stored.
 
@@ -253,26 +260,30 @@ async def compute_deflections(
     error, calibrated on held-out postures. A run never changes, so the same request has the same answer.
     """
     # Many cases take seconds: the limiter keeps threads free for other requests.
-    return json_response(await run_sync(_predict_as_json, parts, body, limiter=large_bodies(request)))
+    return json_response(
+        await run_sync(_predict_as_json, parts, body, limiter=limiter_of_large_work(request))
+    )
 
 
 def _predict_as_json(parts: Parts, body: DeflectionRequest) -> str:
-    """Predict deflections by a stored run; return the result as JSON.
+    """Predict deflections with the model of a stored run; return the result as JSON text.
 
     Raises:
         RequestError: the run does not exist, or cannot predict these cases.
     """
     try:
-        run = stored_job(parts.store, Run, body.run_id)
+        run = load_job(parts.store, Run, body.run_id)
         robot = parts.sets.prepared(run.request.measurement_set_id).robot
     except NotFoundError as error:
         raise RequestError(error.reason, remedy=error.remedy, where="run_id") from error
     return predict_by_run(robot, run, body).model_dump_json()
 
 
-@imports.post("/v1/imports", dependencies=[OPERATOR], response_model=ImportAnswer, responses=problems(404))
+@imports.post(
+    "/v1/imports", dependencies=[OPERATOR], response_model=ImportAnswer, responses=describe_problems(404)
+)
 async def create_import(
-    request: Request, parts: PartsOf, files: _Readings, options: _ImportOptions = _DEFAULTS
+    request: Request, parts: InjectedParts, files: _Readings, options: _ImportOptions = _DEFAULTS
 ) -> Response:
     """Preview files of readings. Nothing is stored.
 
@@ -284,12 +295,12 @@ async def create_import(
     files of another form.
     """
     # A small Excel file may unpack to a huge one: the limiter keeps threads free for other requests.
-    answer = await run_sync(_import_as_json, parts, files, options, limiter=large_bodies(request))
+    answer = await run_sync(_import_as_json, parts, files, options, limiter=limiter_of_large_work(request))
     return json_response(answer)
 
 
 def _import_as_json(parts: Parts, files: list[UploadFile], options: ImportRequest) -> str:
-    """Import uploaded files of readings; return the preview as JSON."""
+    """Read uploaded files of readings; return the preview of the import as JSON text."""
     robot = None if options.robot_id is None else parts.robots.find(options.robot_id, None)
     sources = [SourceFile(*read_named_file(file)) for file in files]
     with garbage_collector_paused():
@@ -297,7 +308,7 @@ def _import_as_json(parts: Parts, files: list[UploadFile], options: ImportReques
 
 
 def read_named_file(file: UploadFile) -> tuple[str, bytes]:
-    """Return name, without folders, and content of an uploaded file.
+    """Return the name (without folders) and the content of an uploaded file.
 
     Raises:
         RequestError: the file has no name, or a name that cannot be displayed.
@@ -308,7 +319,7 @@ def read_named_file(file: UploadFile) -> tuple[str, bytes]:
     except ValidationError:
         raise RequestError(
             "a file has no name, or a name that cannot be displayed",
-            remedy=f"send it with a `filename` of 1 to {MAX_NAME_LENGTH} printable characters",
+            remedy=f"send the file with a `filename` of 1 to {MAX_NAME_LENGTH} printable characters",
             where="files",
         ) from None
 
@@ -319,10 +330,10 @@ def read_named_file(file: UploadFile) -> tuple[str, bytes]:
     description=PROGRAM.description,
     status_code=201,
     response_model=Program,
-    responses=describe_accepted(Program),
+    responses=describe_post_responses(Program),
 )
 async def create_program(
-    posted: PostOf, files: _Program, options: _ProgramOptions, idempotency_key: KeyText = None
+    posted: InjectedPost, files: _Program, options: _ProgramOptions, idempotency_key: KeyText = None
 ) -> Response:
     """Correct the targets of a program."""
     if len({file.filename for file in files}) < len(files):
@@ -335,10 +346,11 @@ async def create_program(
         )
 
     def create(jobs: Jobs) -> JobRecord:
-        sent = [packed(*read_named_file(file)) for file in files]
+        """Store the job of the program with the uploaded files; return the job's record."""
+        sent = [compress_file(*read_named_file(file)) for file in files]
         body = options.model_copy(update={"files": sent})
         key = bind_key(idempotency_key, body.model_dump_json().encode())
         return jobs.create(body, key, posted.by)
 
     # Packing and reading a program may take seconds: the limiter keeps threads free for other requests.
-    return await posted.answer(Program.kind_name(), create, large_bodies(posted.request))
+    return await posted.answer(Program.kind_name(), create, limiter_of_large_work(posted.request))

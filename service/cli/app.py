@@ -81,7 +81,7 @@ for _function in (robots, export, report, serve, worker, post, demo):
 app.add_typer(keys, name="keys")
 
 
-def _version(value: bool) -> None:
+def _print_version(value: bool) -> None:
     """Print the version and end the command if --version is given."""
     if value:
         from jointstiff.service.process import jointstiff_version
@@ -94,7 +94,8 @@ def _version(value: bool) -> None:
 def options(
     *,
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and end.")
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and end."),
     ] = False,
 ) -> None:
     """Declare the options of `jointstiff` itself; Typer calls this function before each command."""

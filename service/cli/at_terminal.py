@@ -26,43 +26,46 @@ class AtTerminal(Person):
         Args:
             campaign: live measurement of the robot.
             asks: whether to ask questions; if false, the answers of `Person` apply.
-            confirmed: whether the way in which lines are read needs no confirmation.
+            confirmed: whether to read the lines of the source without asking if they are read correctly.
         """
         self._campaign, self._asks, self._confirmed = campaign, asks, confirmed
         self._by_itself = bool(getattr(campaign.source, "by_itself", False))
 
     def confirms(self, profile: str) -> bool:
-        """Print how the lines of the source are read; return whether the person confirms it."""
+        """Print how the lines of the source are read; return whether the person says that this is correct."""
         cli.warn(profile)
         if self._confirmed:
             return True
         answer = _choose_answer("are the lines read correctly? y or n", {"y", "n"}, at_end="")
         if not answer:
-            raise cli.print_failure("nobody confirmed how the lines are read", "confirm it, or give --yes")
+            raise cli.print_failure(
+                "nobody confirmed how the lines are read",
+                "answer y if the lines are read correctly, or use --yes",
+            )
         return answer == "y"
 
     def on_reading(self, state: LiveState, reading: LiveReading) -> None:
         """Print a reading in one line, why the measurement continues, and why the reading is doubtful."""
-        cli.warn(reading_line(state, reading))
+        cli.warn(format_reading(state, reading))
         if state.state == "measuring" and state.share is not None and state.share <= 1.0:
-            cli.warn(f"  goes on: {state.message}")
+            cli.warn(f"  the measurement continues: {state.message}")
         if reading.doubtful:
             cli.warn(f"  {reading.message}")
             for cause in reading.causes:
                 cli.warn(f"  {cause}")
 
     def ready(self, following: PlannedReading, *, loaded: bool) -> Literal["read", "skip", "stop"]:
-        """Print posture and force, wait for the person, and return what to do."""
+        """Print posture and force, wait for the person, and return whether to read, skip or stop."""
         if not self._asks or self._by_itself:
             return "read"
         if loaded:
-            cli.warn(f"  hang the load: {force_text(following)}")
+            cli.warn(f"  hang the load: {format_force(following)}")
         else:
-            cli.warn(f"\n{following.label}: {posture_text(self._campaign, following)}")
-            cli.warn(f"  {force_text(following)}; {following.reason}")
+            cli.warn(f"\n{following.label}: {format_posture(self._campaign, following)}")
+            cli.warn(f"  {format_force(following)}; {following.reason}")
         state = "with the load" if loaded else "without load"
         answer = _choose_answer(
-            f"  Enter reads {state}; s skips this posture; q ends", {"", "s", "q"}, at_end="q"
+            f"  Enter: read {state}; s: skip this posture; q: end", {"", "s", "q"}, at_end="q"
         )
         chosen: dict[str, Literal["read", "skip", "stop"]] = {"": "read", "s": "skip", "q": "stop"}
         return chosen[answer]
@@ -73,7 +76,8 @@ class AtTerminal(Person):
             return super().doubts(reading, again=again)
         return (
             "again"
-            if _choose_answer("  r reads it again; k keeps it", {"r", "k"}, at_end="k") == "r"
+            if _choose_answer("  r: read this posture again; k: keep the reading", {"r", "k"}, at_end="k")
+            == "r"
             else "keep"
         )
 
@@ -81,24 +85,24 @@ class AtTerminal(Person):
         """Ask whether to withdraw or keep an earlier reading that later readings show to be a mistake."""
         if not self._asks:
             return super().doubts_earlier(reading, again=again)
-        answer = _choose_answer("  w withdraws it; k keeps it", {"w", "k"}, at_end="k")
+        answer = _choose_answer("  w: withdraw this reading; k: keep it", {"w", "k"}, at_end="k")
         return "withdraw" if answer == "w" else "keep"
 
     def missed(self, error: Exception, *, again: bool) -> Literal["again", "skip", "stop"]:
         """Print why the source gave no reading, and ask whether to try again, skip the posture or stop."""
-        cli.warn(f"no reading: {getattr(error, 'reason', error)}")
+        cli.warn(f"the source gave no reading: {getattr(error, 'reason', error)}")
         remedy = getattr(error, "remedy", None)
         if remedy:
             cli.warn(f"  remedy: {remedy}")
         if not self._asks:
             return super().missed(error, again=again)
-        answer = _choose_answer("  r reads again; s skips this posture; q ends", {"r", "s", "q"}, at_end="q")
+        answer = _choose_answer("  r: try again; s: skip this posture; q: end", {"r", "s", "q"}, at_end="q")
         chosen: dict[str, Literal["again", "skip", "stop"]] = {"r": "again", "s": "skip", "q": "stop"}
         return chosen[answer]
 
 
-def reading_line(state: LiveState, reading: LiveReading) -> str:
-    """Describe a reading in one line: share of the goal, worst joint, p-value, readings still needed."""
+def format_reading(state: LiveState, reading: LiveReading) -> str:
+    """Return a line about a reading: share of the goal, least certain joint, p-value, readings needed."""
     parts = [f"{reading.label}:"]
     if state.share is not None:
         parts.append(f"share of the goal {state.share:.2f},")
@@ -114,13 +118,19 @@ def reading_line(state: LiveState, reading: LiveReading) -> str:
         near, than = ("as near to", "as") if reading.ball_ratio <= 1.0 else ("further from", "than")
         parts.append(f"held out: {near} its prediction {than} 90 % of good readings,")
     needed = state.still_needed
-    still = "" if needed is None else f"about {needed} more" if needed else "reached"
-    parts.append(still or "how many are still needed is not known")
+    still = (
+        ""
+        if needed is None
+        else f"about {needed} more reading{'s' * (needed > 1)}"
+        if needed
+        else "goal reached"
+    )
+    parts.append(still or "the number of readings still needed is not known")
     return " ".join(parts)
 
 
 def _choose_answer(prompt: str, answers: set[str], at_end: str) -> str:
-    """Ask until the typed line is one of `answers`; return it, or `at_end` at the end of the input."""
+    """Ask until the typed line is one of `answers`; return the line, or `at_end` if the input has ended."""
     while True:
         typer.echo(f"{prompt}: ", nl=False, err=True)
         line = sys.stdin.readline()
@@ -129,24 +139,24 @@ def _choose_answer(prompt: str, answers: set[str], at_end: str) -> str:
             return answer if line else at_end
 
 
-def posture_text(campaign: LiveMeasurement, following: PlannedReading) -> str:
+def format_posture(campaign: LiveMeasurement, planned: PlannedReading) -> str:
     """Return the joint values of a planned reading as text, in degrees and millimetres."""
     parts = []
-    for name, kind, value in zip(campaign.joint_names, campaign.joint_kinds, following.joints, strict=True):
+    for name, kind, value in zip(campaign.joint_names, campaign.joint_kinds, planned.joints, strict=True):
         shown = f"{1e3 * value:.1f} mm" if kind == "prismatic" else f"{math.degrees(value):.2f}°"
         parts.append(f"{name} {shown}")
     return ", ".join(parts)
 
 
-def force_text(following: PlannedReading) -> str:
+def format_force(planned: PlannedReading) -> str:
     """Return the force of a planned reading as text: its magnitude in N, its direction, and its anchor."""
-    size = math.hypot(*following.force)
-    if not size:
+    magnitude = math.hypot(*planned.force)
+    if not magnitude:
         return "no load"
-    anchor = "" if following.anchor is None else f" to anchor {following.anchor + 1}"
+    anchor = "" if planned.anchor is None else f" to anchor {planned.anchor + 1}"
     direction = ", ".join(
-        f"{axis} {part / size:+.2f}" for axis, part in zip("xyz", following.force, strict=True)
+        f"{axis} {part / magnitude:+.2f}" for axis, part in zip("xyz", planned.force, strict=True)
     )
     # Within 0.8 degrees of straight down, the word is easier to read than three components.
-    down = following.force[2] < -0.9999 * size
-    return f"{size:.0f} N {'down' if down else direction}{anchor}"
+    down = planned.force[2] < -0.9999 * magnitude
+    return f"{magnitude:.0f} N {'down' if down else direction}{anchor}"

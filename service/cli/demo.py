@@ -26,10 +26,10 @@ def examples(
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in example_files():
         path = folder / name
-        kept = path.exists() and not overwrite
-        if not kept:
+        keeps_old = path.exists() and not overwrite
+        if not keeps_old:
             path.write_text(text, encoding="utf-8")
-        typer.echo(f"{'kept' if kept else 'wrote'} {path}")
+        typer.echo(f"{'kept' if keeps_old else 'wrote'} {path}")
 
 
 def simulate(
@@ -63,10 +63,10 @@ def simulate(
     refuse_existing(file, overwrite=overwrite)
     arm = default_arm(encoders)
     if load == "own_weight":
-        acts = "own weight"
+        load_text = "own weight"
         document = unloaded_campaign(arm, configurations=configurations, sigma=sigma, seed=seed)
     else:
-        acts = f"{force:g} N"
+        load_text = f"{force:g} N"
         document = simulate_campaign(
             arm,
             configurations=configurations,
@@ -79,7 +79,7 @@ def simulate(
     write_json(file, document)
     stiffness = ", ".join(f"{1e-6 * k:.3g}" for k in arm.stiffnesses)
     typer.echo(
-        f"wrote {file}: {configurations} configurations, {acts}\n"
+        f"wrote {file}: {configurations} configurations, {load_text}\n"
         f"true stiffnesses, joint 1 to {len(arm.stiffnesses)}: {stiffness} × 10⁶ N·m/rad\n"
         f"now: jointstiff identify {file}"
     )
@@ -139,7 +139,7 @@ def _show_example(address: str, *, once: bool) -> int:
     from jointstiff.service.reports.job import job_parts
     from jointstiff.service.resources.documents import json_text
     from jointstiff.service.tables.table import Line
-    from jointstiff.service.tables.terminal import console, printed, problem_text
+    from jointstiff.service.tables.terminal import console, lay_out_parts, problem_text
     from jointstiff.simulator import default_arm, simulate_campaign
 
     class ClientPostingOnce(Client):
@@ -156,15 +156,15 @@ def _show_example(address: str, *, once: bool) -> int:
             campaign = simulate_campaign(default_arm(), load="dead_weight", force=400.0, seed=1)
             run = client.runs.wait(client.post(campaign, once=True))
             stored = client.measurement_sets.get(run.request.measurement_set_id)
-            counted = f"{len(stored.observations)} observations, {len(stored.warnings)} warnings"
-            typer.echo(f"robot {stored.robot_id}\nmeasurement set {stored.id} ({counted})\n")
+            counts = f"{len(stored.observations)} observations, {len(stored.warnings)} warnings"
+            typer.echo(f"robot {stored.robot_id}\nmeasurement set {stored.id} ({counts})\n")
             comparison = client.compare(run)
     except RefusedError as refused:
         console(stderr=True).print(problem_text(refused.problem))
         return 1
-    parts = job_parts(RUN, run)
-    others = [part for part in job_parts(COMPARISON, comparison) if part not in parts]
-    console().print(printed([*parts, Line(""), *others]))
+    run_parts = job_parts(RUN, run)
+    comparison_parts = [part for part in job_parts(COMPARISON, comparison) if part not in run_parts]
+    console().print(lay_out_parts([*run_parts, Line(""), *comparison_parts]))
     if once:  # the address ends with the service
         typer.echo(f"\nRun {run.id}\nTo open its page: the same command without --once")
     else:

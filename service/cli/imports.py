@@ -47,14 +47,14 @@ _CHOICE_QUESTIONS: Final[Mapping[str, tuple[str, tuple[str, ...], str | None]]] 
     "state": ("State of the positions", _STATES, None),
     "encoders": ("Encoders that close the position loop", ("motor", "secondary"), "motor"),
 }
-"""Question, possible answers and default of each option; None where a wrong default would change numbers."""
+"""By option: the question, the possible answers, and the default; None where a guess could change numbers."""
 
 
 def _parse_pair(text: str) -> tuple[str, str]:
     """Split the text `KEY=VALUE` at its last `=` into key and value; raise ValueError without a `=`."""
     key, equals, value = text.rpartition("=")
     if not equals:
-        raise ValueError(f"'{text}' has no '='")
+        raise ValueError(f"'{text}' must be two parts with '=' between them")
     return key.strip(), value.strip()
 
 
@@ -117,7 +117,7 @@ _FORMS: Final = {
     ),
     **dict.fromkeys(("layouts", "length_unit", "robot_id", "show_faults"), Terminal(hidden=True)),
 }
-"""Form of each field of an import as a command-line option; hidden fields have no option."""
+"""Form on the command line of each field of `ImportRequest`; hidden fields have no option."""
 _LENGTH_FIELDS: Final = frozenset(("noise", "load_point", "flange_targets"))
 """Fields whose values are typed in mm on the command line."""
 
@@ -180,18 +180,18 @@ def build_import_command() -> Callable[..., None]:
             cli.check_ending(values["output"], [".json"])
         _run_import(files, gather_stated_fields(ImportRequest, values, _FORMS), values)
 
-    fields = {name: (one, None) for name, one in field_options(ImportRequest, _FORMS)}
-    taken = Annotated[
+    fields = {name: (annotation, None) for name, annotation in field_options(ImportRequest, _FORMS)}
+    files_argument = Annotated[
         list[Path], cli.file_argument("FILES...", "Files of tables or point lists: text or Excel.")
     ]
-    cli.set_signature(command, {"files": (taken, ...), **fields, **_OPTIONS})
+    cli.set_signature(command, {"files": (files_argument, ...), **fields, **_OPTIONS})
     return command
 
 
-def _run_import(files: Sequence[Path], chosen: Options, values: Mapping[str, Any]) -> None:
+def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any]) -> None:
     """Read the files, ask for what is missing, print the preview, and write what was requested.
 
-    `chosen` are the fields of the request that options state, `values` the values of all options.
+    `fields` are the fields of the request that options state, `values` the values of all options.
 
     Raises:
         typer.Exit: the readings have errors, something is missing, or a file cannot be written.
@@ -199,23 +199,23 @@ def _run_import(files: Sequence[Path], chosen: Options, values: Mapping[str, Any
     from jointstiff.service.resources.documents import read_robot
 
     notes = _parse_notes(values["about"] or [])
-    known = {} if values["template"] is None else _read_template(values["template"])
-    stated = _merge_options(known, _with_length_unit(chosen, known))
-    asking = is_terminal_input() and not values["as_json"]
+    template_options = {} if values["template"] is None else _read_template(values["template"])
+    stated = _merge_options(template_options, _convert_to_template_unit(fields, template_options))
+    may_ask = is_terminal_input() and not values["as_json"]
     robot = None if values["robot"] is None else read_robot(values["robot"])
-    answer, stated = _read_and_ask(files, stated, robot, asking=asking)
-    if robot is None and asking and answer.measurement_set is not None and (named := ask_for_robot()):
-        robot = read_robot(named)
-        answer, _ = _read_and_ask(files, stated, robot, asking=False)
+    answer, stated = _read_and_ask(files, stated, robot, may_ask=may_ask)
+    if robot is None and may_ask and answer.measurement_set is not None and (robot_name := ask_for_robot()):
+        robot = read_robot(robot_name)
+        answer, _ = _read_and_ask(files, stated, robot, may_ask=False)
     if robot is not None and answer.bodies:
         robot = robot.model_copy(update={"bodies": answer.bodies})
     if answer.measurement_set is not None:
-        noted = answer.measurement_set.model_copy(update=notes)
-        answer = answer.model_copy(update={"measurement_set": noted})
+        set_with_notes = answer.measurement_set.model_copy(update=notes)
+        answer = answer.model_copy(update={"measurement_set": set_with_notes})
     _print_answer(answer, as_json=values["as_json"])
     if values["save_template"] is not None:
         _write_template(values["save_template"], answer, overwrite=values["overwrite"])
-    if has_errors(answer) and not values["despite_errors"]:
+    if has_blocking_findings(answer) and not values["despite_errors"]:
         if values["output"] is not None:
             cli.warn(f"{values['output']} was not written: correct the errors, or use --despite-errors")
         raise typer.Exit(1)
@@ -224,17 +224,17 @@ def _run_import(files: Sequence[Path], chosen: Options, values: Mapping[str, Any
 
 
 def _print_answer(answer: ImportAnswer, *, as_json: bool) -> None:
-    """Print what the files mean, as JSON or as the report for a terminal."""
-    from jointstiff.service.tables.terminal import console, printed
+    """Print the preview of an import, as JSON or as tables for a terminal."""
+    from jointstiff.service.tables.terminal import console, lay_out_parts
 
     if as_json:
         typer.echo(answer.model_dump_json(indent=2))
     else:
-        console().print(printed(import_report(answer)))
+        console().print(lay_out_parts(make_import_report(answer)))
 
 
 def _merge_options(options: Options, others: Options) -> Options:
-    """Return options, replaced by `others` where these state a field; dictionaries are merged by entry."""
+    """Return options in which `others` replace the fields that they state; dictionaries are merged by key."""
     merged = dict(options)
     for field, value in others.items():
         before = merged.get(field)
@@ -242,8 +242,8 @@ def _merge_options(options: Options, others: Options) -> Options:
     return merged
 
 
-def _with_length_unit(stated: Options, template: Options) -> Options:
-    """Return options whose lengths, typed in mm, are converted to the length unit of a template (mm or m)."""
+def _convert_to_template_unit(stated: Options, template: Options) -> Options:
+    """Return the options `stated` with their lengths, typed in mm, in the length unit of a template."""
     lengths = {name: value for name, value in stated.items() if name in _LENGTH_FIELDS}
     if not lengths:
         return stated
@@ -254,9 +254,9 @@ def _with_length_unit(stated: Options, template: Options) -> Options:
 
 
 def _read_and_ask(
-    files: Sequence[Path], stated: Options, robot: RobotDocument | None, *, asking: bool
+    files: Sequence[Path], stated: Options, robot: RobotDocument | None, *, may_ask: bool
 ) -> tuple[ImportAnswer, Options]:
-    """Read the files; with `asking`, ask a person for missing options until nothing is missing.
+    """Read the files; with `may_ask`, ask a person for missing options until nothing is missing.
 
     Return the answer, whose texts name command-line options in place of fields, and all options, including
     those that the person stated.
@@ -264,21 +264,21 @@ def _read_and_ask(
     from jointstiff.service.resources.documents import parse_document
     from jointstiff.service.resources.imports import import_files
 
-    sources, known, measured = _read_sources(files), set[str](), None
-    with _options_in_errors():
+    sources, asked_before, measured = _read_sources(files), set[str](), None
+    with _name_options_in_errors():
         if robot is not None:
             from jointstiff.service.conversion.prepared import prepare_robot  # with numerics
 
             measured = prepare_robot(robot).robot
-        while asking:
+        while may_ask:
             request = parse_document(
-                _with_split_header(stated, sources) | {"show_faults": True}, ImportRequest
+                _split_typed_header(stated, sources) | {"show_faults": True}, ImportRequest
             )
-            given = ask_for_missing(import_files(sources, request, measured), known)
-            if not given:
+            answers = ask_for_missing(import_files(sources, request, measured), asked_before)
+            if not answers:
                 break
-            stated = _merge_options(stated, _with_length_unit(given, stated))
-        request = parse_document(_with_split_header(stated, sources), ImportRequest)
+            stated = _merge_options(stated, _convert_to_template_unit(answers, stated))
+        request = parse_document(_split_typed_header(stated, sources), ImportRequest)
         answer = import_files(sources, request, measured)
     findings = answer.findings and [
         finding.model_copy(update={"remedy": _name_options(finding.remedy)}) for finding in answer.findings
@@ -287,26 +287,28 @@ def _read_and_ask(
     return answer.model_copy(update={"missing": missing, "findings": findings}), stated
 
 
-def _with_split_header(stated: Options, sources: Sequence[SourceFile]) -> Options:
-    """Return options in which a header that was typed as one text is split into its cells."""
-    from jointstiff.service.importing.reading import delimiter_of
+def _split_typed_header(stated: Options, sources: Sequence[SourceFile]) -> Options:
+    """Return options in which the header, typed as one text, is a list of cells."""
+    from jointstiff.service.importing.reading import detect_delimiter
 
     if not isinstance(header := stated.get("header"), str):
         return stated
-    found: Delimiter | None = next(filter(None, map(delimiter_of, sources)), None)
+    found: Delimiter | None = next(filter(None, map(detect_delimiter, sources)), None)
     delimiter: Delimiter | None = stated.get("delimiter") or found
     return {**stated, "header": _split_header(header, delimiter)}
 
 
 @contextmanager
-def _options_in_errors() -> Iterator[None]:
+def _name_options_in_errors() -> Iterator[None]:
     """Change errors raised in the block: their texts name command-line options in place of fields."""
-    from jointstiff.service.problems import CampaignError, FilesError, problem_of
+    from jointstiff.service.problems import CampaignError, FilesError, problem_from_error
 
     try:
         yield
     except FilesError as error:
-        raise CampaignError(name_options_in_problem(ImportRequest, problem_of(error), _FORMS)) from error
+        raise CampaignError(
+            name_options_in_problem(ImportRequest, problem_from_error(error), _FORMS)
+        ) from error
     except CampaignError as error:
         problem = name_options_in_problem(ImportRequest, error.problem, _FORMS)
         where = problem.where or ""
@@ -324,7 +326,7 @@ def _name_options(text: str) -> str:
 
 
 def _read_sources(files: Sequence[Path]) -> list[SourceFile]:
-    """Read the files, together at most one byte more than an import accepts, which then refuses them."""
+    """Read the files, in total one byte more than an import accepts at most: enough to refuse them."""
     from jointstiff.service.importing.grid import MAX_FILE_BYTES
     from jointstiff.service.importing.reading import SourceFile
 
@@ -373,9 +375,13 @@ def _write_template(path: Path, answer: ImportAnswer, *, overwrite: bool) -> Non
     """
     if answer.template is None:
         if not answer.missing:
-            reason = "no template was written: the files have too many columns, or too long headers"
-            raise cli.print_failure(reason, "ignore columns that are not needed, in smaller files")
-        raise cli.print_failure(f"no template was written: {'; '.join(answer.missing)} missing", "add it")
+            reason = (
+                "no template was written: the files have too many columns or too long headers for a template"
+            )
+            raise cli.print_failure(reason, "import files with fewer columns and shorter headers")
+        raise cli.print_failure(
+            f"no template was written, because this is missing: {'; '.join(answer.missing)}", "add it"
+        )
     cli.refuse_existing(path, overwrite=overwrite)
     template = answer.template.model_dump(mode="json", exclude_defaults=True)
     cli.write_json(path, template)
@@ -424,31 +430,32 @@ def is_terminal_input() -> bool:
     return sys.stdin.isatty()
 
 
-def ask_for_missing(answer: ImportAnswer, known: set[str]) -> Options:
+def ask_for_missing(answer: ImportAnswer, asked_before: set[str]) -> Options:
     """Ask a person for the options that are missing in an answer.
 
     Args:
         answer: result of an import, with faults and missing fields.
-        known: names of options that were asked before and are not asked again; new names are added to it.
+        asked_before: names of options that were asked before and are not asked again; this function adds new
+            names.
 
     Returns:
         Fields of the request that the person stated; empty if no question is left.
     """
-    given: Options = {}
+    stated: Options = {}
     faults = [fault.option for fault in answer.faults if fault.option is not None]
     for option in dict.fromkeys([*faults, *answer.missing_fields]):
         for name, question in _find_questions(option, answer):
-            if name not in known:
-                if not known:
+            if name not in asked_before:
+                if not asked_before:
                     typer.echo(_HOW_TO_ANSWER, err=True)
-                known.add(name)
+                asked_before.add(name)
                 value = question()
                 key, _, inner = name.partition(".")
                 if inner:
-                    given.setdefault(key, {})[inner] = value
+                    stated.setdefault(key, {})[inner] = value
                 else:
-                    given[key] = value
-    return given
+                    stated[key] = value
+    return stated
 
 
 def ask_for_robot() -> str | None:
@@ -463,7 +470,7 @@ _HOW_TO_ANSWER: Final = "Press Enter for the answer in brackets; a question with
 
 
 def _find_questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Callable[[], object]]]:
-    """Yield the questions about an option: a name, and a function that asks and returns the value."""
+    """Yield the questions about an option: the name of the field, and a function that asks for the value."""
     if option in _QUESTIONS:
         yield option, _QUESTIONS[option]
     elif option == "flange_targets":
@@ -475,6 +482,7 @@ def _find_questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Ca
             next(fault.words for fault in answer.faults if fault.option == option)
         )
     elif option == "accept_unusual":
+        # The text of the missing item ends with "right: " and the unusual values.
         doubtful = answer.missing[answer.missing_fields.index("accept_unusual")].partition("right: ")[2]
         yield option, partial(typer.confirm, f"Is this right: {doubtful}?", default=False, err=True)
     elif option == "columns":
@@ -499,7 +507,10 @@ def _prompt_choice(text: str, choices: tuple[str, ...], default: str | None) -> 
 
 
 def _find_state_questions(words: Sequence[str]) -> Iterator[tuple[str, Callable[[], object]]]:
-    """Yield name and function of a question: which of two words means no load, or what one word means."""
+    """Yield a question about the words for states: the name of the field, and a function that asks.
+
+    The function asks which of two words means "without load", or which state a single word means.
+    """
     if len(words) > 1:
 
         def ask_unloaded_word() -> dict[str, str]:
@@ -532,12 +543,12 @@ _QUESTIONS: Final[Mapping[str, Callable[[], object]]] = {
 }
 
 
-def has_errors(answer: ImportAnswer) -> bool:
-    """Return whether the inspection found an error for which the readings must not be used."""
+def has_blocking_findings(answer: ImportAnswer) -> bool:
+    """Return whether the inspection found an error that forbids the use of the readings."""
     return any(finding.weight == "do_not_use" for finding in answer.findings or ())
 
 
-def import_report(answer: ImportAnswer) -> list[Part]:
+def make_import_report(answer: ImportAnswer) -> list[Part]:
     """Return the preview of an import: files with their columns, totals, what is missing, and findings."""
     from jointstiff.service.tables.table import Line, text_table
 
@@ -562,7 +573,7 @@ def import_report(answer: ImportAnswer) -> list[Part]:
             Line(f"{file.file}: {_describe_format(file)}", "title"),
             text_table(head, rows, texts=[1, 2, 3, 4]),
         ]
-        parts += _first_lines(file.assumptions, "assumed: ")
+        parts += _make_first_lines(file.assumptions, "assumed: ")
     joints = "no joint angles" if answer.joint_count is None else f"{answer.joint_count} joints"
     targets, states = ", ".join(answer.targets) or "none", ", ".join(answer.states) or "none"
     more = ", …" if answer.observation_count > len(answer.first_labels) else ""
@@ -570,7 +581,7 @@ def import_report(answer: ImportAnswer) -> list[Part]:
         f"  {answer.observation_count} observations ({', '.join(answer.first_labels)}{more}), {joints}, "
         f"{answer.reading_count} complete readings; targets: {targets}; states: {states}"
     )
-    parts += [Line(counted), *_first_lines(answer.assumptions, "assumed: ")]
+    parts += [Line(counted), *_make_first_lines(answer.assumptions, "assumed: ")]
     if answer.geometry is not None and answer.measurement_set is None:
         parts.append(
             Line(f"  complete: {len(answer.geometry.poses or ())} unloaded poses for a geometry", "good")
@@ -579,14 +590,14 @@ def import_report(answer: ImportAnswer) -> list[Part]:
         total = sum(body.mass for body in answer.bodies)
         parts.append(Line(f"  masses: {len(answer.bodies)} bodies, {total:g} kg together"))
     if answer.missing:
-        parts += _first_lines(answer.missing, "missing: ", "care")
-    elif not has_errors(answer):
+        parts += _make_first_lines(answer.missing, "missing: ", "care")
+    elif not has_blocking_findings(answer):
         own = "" if answer.geometry is None else " for the robot's own weight"
         parts.append(Line(f"  complete: a measurement set{own}", "good"))
-    return [*parts, *_finding_lines(answer)]
+    return [*parts, *_make_finding_lines(answer)]
 
 
-def _finding_lines(answer: ImportAnswer) -> Iterator[Line]:
+def _make_finding_lines(answer: ImportAnswer) -> Iterator[Line]:
     """Yield a line for each finding of the integrity checks; nothing without a robot."""
     from jointstiff.service.tables.report import VERDICTS
     from jointstiff.service.tables.table import Line
@@ -599,7 +610,7 @@ def _finding_lines(answer: ImportAnswer) -> Iterator[Line]:
         if finding.action is not None and finding.action.kind == "choose_robot":
             remedy += f" with `--robot '{finding.action.robot}'`"
         style: Any = "bad" if finding.weight == "do_not_use" else "care"
-        weight = "for information" if finding.weight == "use" else VERDICTS[finding.weight]
+        weight = "note" if finding.weight == "use" else VERDICTS[finding.weight]
         yield Line(f"  {weight}: {place}{finding.message}{remedy}", style)
 
 
@@ -611,8 +622,8 @@ def _describe_format(file: FilePreview) -> str:
     return f"{file.encoding}, {file.delimiter} between cells, decimal {file.decimal_mark}, {rows}"
 
 
-def _first_lines(texts: list[str], lead: str, style: Any = "dim") -> Iterator[Line]:  # noqa: ANN401 - a style
-    """Yield the first `_MAX_LINES` texts as lines, and how many more there are."""
+def _make_first_lines(texts: list[str], lead: str, style: Any = "dim") -> Iterator[Line]:  # noqa: ANN401 - a style
+    """Yield the first `_MAX_LINES` texts as lines that begin with `lead`, and a line with the number left."""
     from jointstiff.service.tables.table import Line
 
     for text in texts[:_MAX_LINES]:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from jointstiff.service.store.tables import AccessKey
     from jointstiff.service.tables.table import Table
 
-    Note = Callable[[AccessKey, str, str, int], object]
+    WriteAudit = Callable[[AccessKey, str, str, int], object]
 
 LINK_TIME: Final = timedelta(minutes=10)
 """Time in which a link can be used."""
@@ -68,22 +68,22 @@ def create(
     if expires_at is not None and expires_at <= now:
         raise typer.BadParameter("must be in the future", param_hint="--expires")
     text, record = mint(request.name, request.role, now, expires_at)
-    with _open_keys(database, keys_file, is_new=True) as (kept, note):
-        kept.add(record)
-        note(record, "POST", "createKey", 201)
+    with _open_keys(database, keys_file, is_new=True) as (stored_keys, write_audit):
+        stored_keys.add(record)
+        write_audit(record, "POST", "createKey", 201)
     typer.echo(text)
-    cli.warn(f"not shown again; to revoke it: jointstiff keys revoke {record.id}")
+    cli.warn(f"the key is not shown again; to revoke it: jointstiff keys revoke {record.id}")
 
 
 @keys.command("list")
 def list_keys(*, database: DatabaseUrl = "sqlite:///jointstiff.db", keys_file: KeysFilePath = None) -> None:
     """List all keys, including revoked ones."""
-    from jointstiff.service.security.keys import described
-    from jointstiff.service.tables.terminal import console, printed
+    from jointstiff.service.security.keys import describe_key
+    from jointstiff.service.tables.terminal import console, lay_out_parts
 
-    with _open_keys(database, keys_file) as (kept, _):
-        found = [described(key, is_filed=keys_file is not None) for key in kept.all()]
-    console().print(printed([make_keys_table(found, datetime.now(UTC))]))
+    with _open_keys(database, keys_file) as (stored_keys, _):
+        found = [describe_key(key, is_filed=keys_file is not None) for key in stored_keys.all()]
+    console().print(lay_out_parts([make_keys_table(found, datetime.now(UTC))]))
 
 
 @keys.command()
@@ -91,9 +91,9 @@ def revoke(
     key_id: KeyId, *, database: DatabaseUrl = "sqlite:///jointstiff.db", keys_file: KeysFilePath = None
 ) -> None:
     """Revoke a key, and end its sessions."""
-    with _open_keys(database, keys_file) as (kept, note):
-        revoked = kept.revoke(key_id, datetime.now(UTC))
-        note(revoked, "DELETE", "revokeKey", 200)
+    with _open_keys(database, keys_file) as (stored_keys, write_audit):
+        revoked = stored_keys.revoke(key_id, datetime.now(UTC))
+        write_audit(revoked, "DELETE", "revokeKey", 200)
     typer.echo(f"revoked {revoked.id}, {revoked.name}; running services refuse it within a second")
 
 
@@ -112,10 +112,10 @@ def link(
     from jointstiff.service.store.store import Store
 
     now, token = datetime.now(UTC), mint_token("jsl")
-    with _open_keys(database, keys_file) as (kept, _):
-        found = {key.id: key for key in kept.all()}.get(key_id)
+    with _open_keys(database, keys_file) as (stored_keys, _):
+        found = {key.id: key for key in stored_keys.all()}.get(key_id)
     if found is None or not found.is_live(now):
-        raise cli.print_failure(f"the service has no key {key_id!r}", "see `jointstiff keys list`")
+        raise cli.print_failure(f"no valid key has the id {key_id!r}", "see `jointstiff keys list`")
     with Store.open(database) as store:
         store.sessions.offer(digest(token), key_id, now, now + LINK_TIME)
         _record_in_audit(store, found, "POST", "createLink", 201)
@@ -128,7 +128,7 @@ def link(
 @contextmanager
 def _open_keys(
     database: str, keys_file: Path | None, *, is_new: bool = False
-) -> Iterator[tuple[KeysFile | AccessKeys, Note]]:
+) -> Iterator[tuple[KeysFile | AccessKeys, WriteAudit]]:
     """Open the keys of a file or of a database; yield the keys, and a function that writes the audit.
 
     A missing database is created only if `is_new`. Changes of a file of keys are not written to any audit.
@@ -173,7 +173,7 @@ def _record_in_audit(store: Store, key: AccessKey, method: str, operation: str, 
 
 
 def make_keys_table(keys: Sequence[Key], now: datetime) -> Table:
-    """Return a table of keys with role, validity and times in UTC."""
+    """Return a table with a row for each key: id, name, role, validity, and times in UTC."""
     from jointstiff.service.tables.table import Column, Table
 
     columns: dict[str, list[str]] = {
@@ -190,7 +190,7 @@ def make_keys_table(keys: Sequence[Key], now: datetime) -> Table:
 
 
 def _describe_validity(key: Key, now: datetime) -> str:
-    """Return as text whether a key is valid, expired or revoked, with the time."""
+    """Return a text that says whether a key is valid, expired or revoked, and until or since when."""
     if key.revoked_at is not None:
         return f"revoked {_format_time(key.revoked_at)}"
     if key.expires_at is None:

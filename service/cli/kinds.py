@@ -15,11 +15,11 @@ import typer
 from typing_extensions import TypeAliasType
 
 from jointstiff.schemas.deflection import DeflectionOptions
-from jointstiff.schemas.fields import Message, Terminal, chain_of
+from jointstiff.schemas.fields import Message, Terminal, parse_chain
 from jointstiff.schemas.options import METHODS_IN_SHORT
 from jointstiff.service.cli import options as cli
 from jointstiff.service.kinds.kind import AnyKind
-from jointstiff.service.kinds.rooms import ROOMS, kind_of
+from jointstiff.service.kinds.rooms import ROOMS, import_kind
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
@@ -70,64 +70,72 @@ _NO_FORMS: Final[Forms] = MappingProxyType({})
 _JOINTS_OF_ARM: Final = 6  # number of an arm's joints; further joints of a posture are linear axes
 
 
-class Parsed:
-    """Marker type of options whose own parser returns the value."""
+class ParsedValue:
+    """Type that marks options whose value a parser of Jointstiff makes from the text."""
 
 
 @dataclass(frozen=True)
 class _FileOptions:
-    """Options of a command about files, in addition to the fields of its kind's message; and what they do."""
+    """Options of a command that concern files, and the functions that carry out these options."""
 
-    options: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)  # annotation and default by name
-    endings: tuple[str, ...] = ()  # of the file that `output` names, if it is no table
-    passed: tuple[str, ...] = ()  # names of those that the function of the work takes
-    # writes files of a job with a result; returns the job to print
+    options: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)  # (annotation, default) by name
+    endings: tuple[str, ...] = ()  # allowed endings of the file that `output` names, unless it is a table
+    passed_options: tuple[str, ...] = ()  # names of options that the function of the work accepts
+    # function that writes files of a job that has a result, and returns the job to print
     finish: Callable[[Any, _Values, Sequence[Any]], Any] = lambda job, _values, _sources: job
-    # does something else in place of the work, such as --explain; returns whether it did
-    instead: Callable[[_Values, Sequence[Any]], bool] = lambda _values, _sources: False
-    # paths that the command will write
-    written: Callable[[_Values, Sequence[Any]], Sequence[Path | None]] = lambda _values, _sources: ()
+    # function that may do something in place of the work, as for --explain; returns whether it did so
+    replace_work: Callable[[_Values, Sequence[Any]], bool] = lambda _values, _sources: False
+    # function that returns the paths of the files that the command will write
+    list_paths: Callable[[_Values, Sequence[Any]], Sequence[Path | None]] = lambda _values, _sources: ()
 
 
 def build_command(name: str) -> Callable[..., None]:
     """Return the function of the command of a kind of work, such as `identify`, with its options."""
-    kind, files = kind_of(name), _FILE_OPTIONS.get(name, _FileOptions())
+    kind, file_options = import_kind(name), _FILE_OPTIONS.get(name, _FileOptions())
     sources: dict[str, tuple[Any, Any]] = {
-        key: (one, None if key == "second" else ...)
+        key: (annotation, None if key == "second" else ...)
         for source in kind.sources
-        for key, one in _ARGUMENTS[source].items()
+        for key, annotation in _ARGUMENTS[source].items()
     }
-    fields = {key: (one, None) for key, one in field_options(kind.options)}
+    fields = {key: (annotation, None) for key, annotation in field_options(kind.options)}
     endings = [f".{file.suffix}" for file in kind.files]
-    tabled = "output" not in files.options and ".csv" in endings
+    writes_table = "output" not in file_options.options and ".csv" in endings
 
     def command(**values: Any) -> None:  # noqa: ANN401 - by the signature below
-        # Checks of the files to write come first, so that no work is lost to a name that cannot be used.
-        given = [values[key] for key in sources if values[key] is not None]
-        if files.instead(values, given):
+        # The files to write are checked first, so that no finished work is lost because of a wrong name.
+        source_values = [values[key] for key in sources if values[key] is not None]
+        if file_options.replace_work(values, source_values):
             return
         output = values.get("output")
-        if output is not None and (tabled or files.endings):
-            cli.check_ending(output, endings if tabled else files.endings, reported=True)
-        written = list(filter(None, [output if tabled else None, *files.written(values, given)]))
-        for path in written:
+        if output is not None and (writes_table or file_options.endings):
+            cli.check_ending(output, endings if writes_table else file_options.endings, reported=True)
+        paths_to_write = list(
+            filter(None, [output if writes_table else None, *file_options.list_paths(values, source_values)])
+        )
+        for path in paths_to_write:
             cli.refuse_existing(path, overwrite=values.get("overwrite", False))
-        passed = {key: values[key] for key in files.passed if values[key] is not None}
-        job = _run_work(kind, given, gather_stated_fields(kind.options, values) | passed, values)
+        passed = {key: values[key] for key in file_options.passed_options if values[key] is not None}
+        job = _run_work(kind, source_values, gather_stated_fields(kind.options, values) | passed, values)
         if job.result is not None:
-            job = files.finish(job, values, given)
-            if tabled and output is not None:
+            job = file_options.finish(job, values, source_values)
+            if writes_table and output is not None:
                 output.write_bytes(job.table(output.suffix[1:]))
-            for path in written:
+            for path in paths_to_write:
                 cli.warn(f"wrote {path}")
         _print_job(kind, job, values)
 
-    others: dict[str, tuple[Any, Any]] = {"options": (_Options, None)}
-    others |= {"run": (cli.RunFile, None)} if "run" in kind.sources else {}
-    others |= dict(files.options) | ({"output": (_Output, None), "as_csv": (_AsCsv, False)} if tabled else {})
-    others |= {"overwrite": (cli.Overwrite, False)} if "output" in others else {}
-    others |= {"unit": (cli.Unit, "MNm/rad"), "details": (cli.Details, False), "as_json": (cli.AsJson, False)}
-    cli.set_signature(command, sources | fields | others)
+    other_options: dict[str, tuple[Any, Any]] = {"options": (_Options, None)}
+    other_options |= {"run": (cli.RunFile, None)} if "run" in kind.sources else {}
+    other_options |= dict(file_options.options) | (
+        {"output": (_Output, None), "as_csv": (_AsCsv, False)} if writes_table else {}
+    )
+    other_options |= {"overwrite": (cli.Overwrite, False)} if "output" in other_options else {}
+    other_options |= {
+        "unit": (cli.Unit, "MNm/rad"),
+        "details": (cli.Details, False),
+        "as_json": (cli.AsJson, False),
+    }
+    cli.set_signature(command, sources | fields | other_options)
     command.__doc__ = f"{ROOMS[name].summary}\n\ndocs/glossary.md explains the terms."
     return command
 
@@ -162,7 +170,7 @@ def build_predict_command() -> Callable[..., None]:
         from jointstiff.service.cli.models import read_or_identify_run
         from jointstiff.service.library import here
         from jointstiff.service.runs.deflection import prediction_csv, prediction_parts
-        from jointstiff.service.tables.terminal import console, printed
+        from jointstiff.service.tables.terminal import console, lay_out_parts
 
         if values["output"] is not None:
             cli.check_ending(values["output"], [".csv"])
@@ -176,13 +184,13 @@ def build_predict_command() -> Callable[..., None]:
         if values["as_json"]:
             typer.echo(result.model_dump_json(indent=2))
         else:
-            console().print(printed(prediction_parts(result)))
+            console().print(lay_out_parts(prediction_parts(result)))
 
     sources = {"file": (cli.CampaignFile, ...), "postures": (_Postures, ...), "run": (cli.RunFile, None)}
-    fields = {key: (one, None) for key, one in field_options(DeflectionOptions, _POINT_FORMS)}
-    output = _optional_parameter(cli.output_option("CSV file to write all numbers to."))
-    shown = {"output": output, "overwrite": (cli.Overwrite, False), "as_json": (cli.AsJson, False)}
-    cli.set_signature(command, sources | fields | shown)
+    fields = {key: (annotation, None) for key, annotation in field_options(DeflectionOptions, _POINT_FORMS)}
+    output = _make_optional_parameter(cli.output_option("CSV file to write all numbers to."))
+    output_options = {"output": output, "overwrite": (cli.Overwrite, False), "as_json": (cli.AsJson, False)}
+    cli.set_signature(command, sources | fields | output_options)
     return command
 
 
@@ -197,56 +205,60 @@ def _run_work(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values:
     from jointstiff.schemas.run import Run
     from jointstiff.service.library.here import Here, attach_campaign
     from jointstiff.service.problems import CampaignError
-    from jointstiff.service.resources.documents import campaign_of, read_document, read_object
+    from jointstiff.service.resources.documents import read_campaign, read_document, read_object
     from jointstiff.service.tables.terminal import progress_bar
 
     if values["options"] is not None:
         options = read_object(values["options"])
-        stated = options | _convert_to_file_units(options, kind.options, stated)
+        stated = options | _convert_to_units_of_file(options, kind.options, stated)
     if values.get("run") is not None:
-        sources = [attach_campaign(read_document(values["run"], Run), campaign_of(sources[0])), *sources[1:]]
-    given = [each for source in sources for each in (source if isinstance(source, list) else [source])]
-    do = getattr(Here(), ROOMS[kind.name].command)
+        sources = [
+            attach_campaign(read_document(values["run"], Run), read_campaign(sources[0])),
+            *sources[1:],
+        ]
+    arguments = [each for source in sources for each in (source if isinstance(source, list) else [source])]
+    work = getattr(Here(), ROOMS[kind.name].command)
     try:
         stepped = kind.stepped or "campaigns" in kind.sources
-        with progress_bar(shown=stepped) as tell:
-            job: Job = do(*given, on_progress=tell if stepped else None, **stated)
+        with progress_bar(shown=stepped) as show_progress:
+            job: Job = work(*arguments, on_progress=show_progress if stepped else None, **stated)
     except CampaignError as error:
         raise CampaignError(name_options_in_problem(kind.options, error.problem)) from error
     return job
 
 
-def _convert_to_file_units(
+def _convert_to_units_of_file(
     file: dict[str, Any], message: type[Message], stated: dict[str, Any]
 ) -> dict[str, Any]:
-    """Convert options of the command, in m, deg and N, to the units that a file of options states.
+    """Return options of the command, typed in m, deg and N, in the units that a file of options states.
 
     Raises:
-        typer.BadParameter: a posture has more joints than an arm, which are linear axes, and the file states
-            angles in another unit than deg.
+        typer.BadParameter: a posture has more than six joints, so it contains linear axes, and the file
+            states angles in another unit than deg.
     """
     from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH
 
     units = file.get("units")
     if not isinstance(units, dict):
         return stated
-    sizes = {"m": ("length", LENGTH), "deg": ("angle", ANGLE), "N": ("force", FORCE)}
-    scaled = dict(stated)
+    # By the unit of an option: the quantity, and the size of each unit of that quantity in SI units.
+    tables = {"m": ("length", LENGTH), "deg": ("angle", ANGLE), "N": ("force", FORCE)}
+    converted = dict(stated)
     for name, value in stated.items():
-        quantity, size = sizes.get(_option_form(message.model_fields[name]).unit, ("", {}))
+        quantity, unit_sizes = tables.get(_find_option_form(message.model_fields[name]).unit, ("", {}))
         unit = units.get(quantity)
         posture = quantity == "angle" and isinstance(value, list | tuple)
-        if posture and unit != "deg" and unit in size and len(value) > _JOINTS_OF_ARM:
+        if posture and unit != "deg" and unit in unit_sizes and len(value) > _JOINTS_OF_ARM:
             raise typer.BadParameter(
-                f"linear axes are not in deg, and the file of options has angles in {unit}; remedy: state "
-                f"`{name}` in that file, in its units",
+                f"the values of linear axes cannot be converted from deg to {unit}, the unit of angles in "
+                f"the file of options; remedy: state `{name}` in that file, in its units",
                 param_hint=option_flag(message, name),
             )
-        if unit in size:
-            scaled[name] = scale_numbers(
-                size[_option_form(message.model_fields[name]).unit] / size[unit], value
+        if unit in unit_sizes:
+            converted[name] = scale_numbers(
+                unit_sizes[_find_option_form(message.model_fields[name]).unit] / unit_sizes[unit], value
             )
-    return scaled
+    return converted
 
 
 def scale_numbers(factor: float, value: Any) -> Any:  # noqa: ANN401 - JSON
@@ -259,14 +271,18 @@ def scale_numbers(factor: float, value: Any) -> Any:  # noqa: ANN401 - JSON
 
 
 def name_options_in_text(message: type[Message], text: str, forms: Forms = _NO_FORMS) -> str:
-    """Return a text with the command's options in place of fields in backquotes, with or without a value."""
+    """Return a text in which fields in backquotes, such as `load_point`, become options: `--load-point`.
+
+    A field with a value, such as `method: pose`, becomes `--method pose`.
+    """
     with_option = dict(field_options(message, forms))
 
     def replace_field(found: re.Match[str]) -> str:
+        """Return the option for a matched field; the unchanged text if the field has no option."""
         name, value = found.groups()
         if name not in with_option:
             return found[0]
-        alone = value is None or _option_form(message.model_fields[name]).flag
+        alone = value is None or _find_option_form(message.model_fields[name]).flag
         return f"`{option_flag(message, name, forms)}{'' if alone else f' {value}'}`"
 
     return re.sub(r"`(\w+)(?:: (\w+))?`", replace_field, text)
@@ -280,7 +296,7 @@ def name_options_in_problem(message: type[Message], problem: Problem, forms: For
     for item in problem.errors:
         remedy = item.remedy and name_options_in_text(message, item.remedy, forms)
         if item.reason == MISSING and item.where in message.model_fields:
-            kind = _bare_type(message.model_fields[item.where].annotation)
+            kind = _unwrap_type(message.model_fields[item.where].annotation)
             by_option = f"give `{option_flag(message, item.where, forms)}`"
             by_option += f": one of {', '.join(get_args(kind))}" if get_origin(kind) is Literal else ""
             remedy = by_option if item.where in with_option else "state it in the JSON file of `--options`"
@@ -305,7 +321,7 @@ def _print_job(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN40
     Raises:
         typer.Exit: the job, or the run of one set of a fleet, has failed.
     """
-    from jointstiff.service.reports.job import job_report
+    from jointstiff.service.reports.job import lay_out_job
     from jointstiff.service.tables.terminal import console
 
     if values["as_json"]:
@@ -317,7 +333,7 @@ def _print_job(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN40
             typer.echo(f"First: {values['file']}. Second: {values['second']}.")
         applies = kind.name == "run" and values["apply"] is None
         console().print(
-            job_report(kind, job, details=values["details"], unit=values["unit"], applies=applies)
+            lay_out_job(kind, job, details=values["details"], unit=values["unit"], applies=applies)
         )
     if job.state != "succeeded" or job.failed_parts:
         raise typer.Exit(1)
@@ -326,14 +342,14 @@ def _print_job(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN40
 def field_options(message: type[Message], forms: Forms = _NO_FORMS) -> Iterator[tuple[str, Any]]:
     """Yield name and Typer annotation of each field of a message that has an option on the command line.
 
-    Every option may be left out: the check of the message reports fields that are missing.
+    No option is required here: the message reports missing fields when it is validated.
 
     Args:
         message: message whose fields become options.
         forms: forms of fields on the command line, in place of the forms that the message declares.
     """
     for name, stated in message.model_fields.items():
-        terminal = _option_form(stated, forms.get(name))
+        terminal = _find_option_form(stated, forms.get(name))
         flag = option_flag(message, name, forms)
         text = terminal.text or " ".join((stated.description or "").split())
         if terminal.hidden:
@@ -341,11 +357,14 @@ def field_options(message: type[Message], forms: Forms = _NO_FORMS) -> Iterator[
         if terminal.flag:
             yield name, Annotated[bool | None, typer.Option(flag, help=text)]
         elif terminal.parse is not None:
-            kind: Any = Parsed if terminal.gather == "one" else list[Parsed]
+            kind: Any = ParsedValue if terminal.gather == "one" else list[ParsedValue]
             text += "" if terminal.gather == "one" else " Repeatable."
-            form: dict[str, Any] = {"parser": _parser_with_words(terminal.parse), "metavar": terminal.metavar}
+            form: dict[str, Any] = {
+                "parser": _keep_words_of_errors(terminal.parse),
+                "metavar": terminal.metavar,
+            }
             yield name, Annotated[kind | None, typer.Option(flag, help=text, **form)]
-        elif (shape := _option_type(_bare_type(stated.annotation), terminal.unit)) is not None:
+        elif (shape := _choose_option_type(_unwrap_type(stated.annotation), terminal.unit)) is not None:
             kind, form = shape
             flag += f"/--no-{name.replace('_', '-')}" if kind is bool else ""
             yield name, Annotated[kind | None, typer.Option(flag, help=text, **form)]
@@ -353,7 +372,9 @@ def field_options(message: type[Message], forms: Forms = _NO_FORMS) -> Iterator[
 
 def option_flag(message: type[Message], name: str, forms: Forms = _NO_FORMS) -> str:
     """Return the command-line option of a field, such as `--load-point`."""
-    return _option_form(message.model_fields[name], forms.get(name)).option or f"--{name.replace('_', '-')}"
+    return (
+        _find_option_form(message.model_fields[name], forms.get(name)).option or f"--{name.replace('_', '-')}"
+    )
 
 
 def gather_stated_fields(message: type[Message], values: _Values, forms: Forms = _NO_FORMS) -> dict[str, Any]:
@@ -361,14 +382,14 @@ def gather_stated_fields(message: type[Message], values: _Values, forms: Forms =
     stated = {}
     for name, _ in field_options(message, forms):
         if values[name] not in (None, []):
-            terminal = _option_form(message.model_fields[name], forms.get(name))
+            terminal = _find_option_form(message.model_fields[name], forms.get(name))
             value = dict(values[name]) if terminal.gather == "dict" else values[name]
             stated[name] = terminal.flag or value
     return stated
 
 
-def _parser_with_words(parse: Callable[[str], Any]) -> Callable[[str], Any]:
-    """Return a parser that shows the text of a ValueError; Click would replace it by the typed text."""
+def _keep_words_of_errors(parse: Callable[[str], Any]) -> Callable[[str], Any]:
+    """Return a parser whose error message is the text of the ValueError; Click would show the input."""
 
     def parsed(text: str) -> Any:  # noqa: ANN401 - JSON
         try:
@@ -379,8 +400,11 @@ def _parser_with_words(parse: Callable[[str], Any]) -> Callable[[str], Any]:
     return parsed
 
 
-def _option_form(stated: FieldInfo, form: Terminal | None = None) -> Terminal:
-    """Return the form of a field on the command line: `form`, else the declared one, else only its unit."""
+def _find_option_form(stated: FieldInfo, form: Terminal | None = None) -> Terminal:
+    """Return how a field is stated on the command line.
+
+    That is `form` if it is not None, else the form that the field declares, else one with only its unit.
+    """
     if form is not None:
         return form
     extra = stated.json_schema_extra
@@ -388,38 +412,41 @@ def _option_form(stated: FieldInfo, form: Terminal | None = None) -> Terminal:
     return next((each for each in stated.metadata if isinstance(each, Terminal)), Terminal(unit=unit))
 
 
-def _option_type(kind: Any, unit: str) -> tuple[Any, dict[str, Any]] | None:  # noqa: ANN401 - a type
-    """Return type and Typer arguments of an option; None if only a file of options can state the field."""
+def _choose_option_type(kind: Any, unit: str) -> tuple[Any, dict[str, Any]] | None:  # noqa: ANN401 - a type
+    """Return the type of an option and the arguments for `typer.Option`, from type and unit of the field.
+
+    Return None if the field cannot be an option, so that only a file of options can state it.
+    """
     if kind in {bool, int}:
         return kind, {}
     if get_origin(kind) is Literal:
         words = get_args(kind)
-        return Parsed, {
-            "parser": _parser_with_words(_word_parser(words)),
+        return ParsedValue, {
+            "parser": _keep_words_of_errors(_make_word_parser(words)),
             "metavar": f"<{'|'.join(words)}>",
             "autocompletion": lambda incomplete: [word for word in words if word.startswith(incomplete)],
         }
     if kind is str:
         return str, {"metavar": "TEXT"}
-    if kind is float and unit in _TERMINAL_UNITS:
-        shown, factor = _TERMINAL_UNITS[unit]
-        return Parsed, {"parser": lambda text: factor * float(text), "metavar": f"NUMBER[{shown}]"}
+    if kind is float and unit in _UNITS_AT_TERMINAL:
+        shown, factor = _UNITS_AT_TERMINAL[unit]
+        return ParsedValue, {"parser": lambda text: factor * float(text), "metavar": f"NUMBER[{shown}]"}
     if kind is float:
         return float, {"metavar": "NUMBER"}
-    parts = [_bare_type(part) for part in get_args(kind)]
+    parts = [_unwrap_type(part) for part in get_args(kind)]
     if get_origin(kind) is tuple and parts == [float] * 3:
         shown = {"m": "[mm]", "": "", "1": ""}.get(unit, f"[{unit}]")
-        return Parsed, {
+        return ParsedValue, {
             "parser": cli.parse_point if unit == "m" else cli.parse_vector,
             "metavar": f"X,Y,Z{shown}",
         }
     if get_origin(kind) is list and (parts[0] is str or get_origin(parts[0]) is Literal):
-        return Parsed, {"parser": chain_of, "metavar": "NAME,NAME,..."}
+        return ParsedValue, {"parser": parse_chain, "metavar": "NAME,NAME,..."}
     return None
 
 
-def _word_parser(words: Sequence[str]) -> Callable[[str], str]:
-    """Return a parser of the words of an API field; it also accepts hyphens and short names of methods."""
+def _make_word_parser(words: Sequence[str]) -> Callable[[str], str]:
+    """Return a parser that accepts the words of an API field, with hyphens too, and methods' short names."""
 
     def parse(text: str) -> str:
         word = METHODS_IN_SHORT.get(text.upper(), text.replace("-", "_"))
@@ -430,28 +457,28 @@ def _word_parser(words: Sequence[str]) -> Callable[[str], str]:
     return parse
 
 
-_TERMINAL_UNITS: Final[Mapping[str, tuple[str, float]]] = {
+_UNITS_AT_TERMINAL: Final[Mapping[str, tuple[str, float]]] = {
     "m": ("mm", 1e-3),
     "rad": ("deg", math.pi / 180.0),
     "deg": ("deg", 1.0),
 }
-"""Unit on the command line, and its size in the API's unit, by the API's unit."""
+"""By the unit of the API: the unit on the command line, and the factor that converts to the API's unit."""
 
 
-def _bare_type(annotation: Any) -> Any:  # noqa: ANN401 - a type
-    """Return the type behind an alias, an `Annotated` or an optional type."""
+def _unwrap_type(annotation: Any) -> Any:  # noqa: ANN401 - a type
+    """Return the plain type that an alias, an `Annotated` or an optional type contains."""
     if isinstance(annotation, TypeAliasType):
-        return _bare_type(annotation.__value__)
+        return _unwrap_type(annotation.__value__)
     origin = get_origin(annotation)
     if origin is Annotated:
-        return _bare_type(get_args(annotation)[0])
+        return _unwrap_type(get_args(annotation)[0])
     if origin in {Union, UnionType}:
         others = [each for each in get_args(annotation) if each is not NoneType]
-        return _bare_type(others[0]) if len(others) == 1 else annotation
+        return _unwrap_type(others[0]) if len(others) == 1 else annotation
     return annotation
 
 
-def _path_of_corrected_campaign(values: _Values) -> Path | None:
+def _choose_corrected_path(values: _Values) -> Path | None:
     """Return the path of the corrected campaign, by default next to the old one; None without --apply.
 
     Raises:
@@ -460,8 +487,8 @@ def _path_of_corrected_campaign(values: _Values) -> Path | None:
     output: Path | None = values["output"]
     if values["apply"] is None:
         if output is not None:
-            others = "`jointstiff export` writes tables, `jointstiff report` reports"
-            message = f"is only for the campaign that --apply corrects; {others}"
+            others = "`jointstiff export` writes tables, `jointstiff report` writes reports"
+            message = f"names the file of the campaign that --apply corrects, so it needs --apply; {others}"
             raise typer.BadParameter(message, param_hint="--output")
         return None
     if output is not None:
@@ -475,23 +502,23 @@ def _apply_action(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  #
 
     Without --apply, return the job unchanged.
     """
-    from jointstiff.service.kinds.run.kind import before_and_after
+    from jointstiff.service.kinds.run.kind import before_after_table
     from jointstiff.service.tables.stiffness import UNITS
-    from jointstiff.service.tables.terminal import console, printed
+    from jointstiff.service.tables.terminal import console, lay_out_parts
 
-    path = _path_of_corrected_campaign(values)
+    path = _choose_corrected_path(values)
     if path is None:
         return job
     after = job.apply(values["apply"])
     document = after.campaign.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
     cli.write_json(path, document)
     if after.result is not None and not values["as_json"]:
-        console().print(printed([before_and_after(job.result, after.result, UNITS[values["unit"]])]))
+        console().print(lay_out_parts([before_after_table(job.result, after.result, UNITS[values["unit"]])]))
     return after
 
 
 def _write_robot(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Geometry
-    """Write the identified robot if --output is given; return the job."""
+    """Write the identified robot to the file of --output, if that is given; return the job."""
     if values["output"] is not None:
         robot = job.result.robot.model_dump(mode="json", exclude_none=True)
         cli.write_json(values["output"], robot)
@@ -499,7 +526,7 @@ def _write_robot(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # 
 
 
 def _write_campaign_to_fill_in(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Plan
-    """Write the campaign whose readings are to be filled in if --campaign is given; return the job."""
+    """Write a campaign with empty readings to the file of --campaign, if that is given; return the job."""
     from jointstiff.service.kinds.plan.kind import campaign_to_fill_in
     from jointstiff.service.resources.documents import read_planned
 
@@ -509,8 +536,11 @@ def _write_campaign_to_fill_in(job: Any, values: _Values, sources: Sequence[Any]
     return job
 
 
-def _program_paths(values: _Values, sources: Sequence[Any]) -> dict[str, Path]:
-    """Return the path to write for each file of a program by its name: --output, or its .src and .dat."""
+def _choose_program_paths(values: _Values, sources: Sequence[Any]) -> dict[str, Path]:
+    """Return the path to write for each file of a program, by the name of the file.
+
+    The path is that of --output; if the program has several files, with the ending of each file.
+    """
     output, several = values["output"], len(sources[1]) > 1
     return {each.name: output.with_suffix(each.suffix) if several else output for each in sources[1]}
 
@@ -522,8 +552,8 @@ def _explain_moves_if_requested(values: _Values, sources: Sequence[Any]) -> bool
         typer.BadParameter: neither --explain nor --output is given.
         CampaignError: the program cannot be read.
     """
-    from jointstiff.service.problems import CampaignError, FilesError, problem_of
-    from jointstiff.service.programs.formats import explained
+    from jointstiff.service.problems import CampaignError, FilesError, problem_from_error
+    from jointstiff.service.programs.formats import list_moves
     from jointstiff.service.programs.program import ExternalAxes
 
     if not values["explain"]:
@@ -533,42 +563,42 @@ def _explain_moves_if_requested(values: _Values, sources: Sequence[Any]) -> bool
     files = [(path.name, path.read_bytes()) for path in sources[1]]
     try:
         external = ExternalAxes(values["external_axes"] or ExternalAxes.MAY_CARRY)
-        rows = explained(files, values["format"], values["leave_alone"] or (), external)
+        rows = list_moves(files, values["format"], values["leave_alone"] or (), external)
     except FilesError as error:
-        raise CampaignError(problem_of(error)) from error
+        raise CampaignError(problem_from_error(error)) from error
     if values["as_json"]:
         typer.echo(json.dumps([row._asdict() for row in rows], indent=2))
         return True
     for row in rows:
         frames = f"base {row.base or 'unknown'}, tool {row.tool or 'unknown'}"
-        verdict = "corrected" if row.corrected else f"left: {row.reason}; {row.remedy}"
+        verdict = "corrected" if row.corrected else f"not corrected: {row.reason}; {row.remedy}"
         typer.echo(f"line {row.line}: {row.target or 'target unknown'}, {frames}: {verdict}")
     corrected = sum(row.corrected for row in rows)
-    typer.echo(f"{corrected} of {len(rows)} moves can be corrected, {len(rows) - corrected} left")
+    typer.echo(f"{corrected} of {len(rows)} moves can be corrected, {len(rows) - corrected} cannot")
     return True
 
 
 def _write_program(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Program
     """Write the compensated files of a program, and the report if --report is given; return the job."""
-    from jointstiff.service.kinds.program.work import unpacked
+    from jointstiff.service.kinds.program.work import decompress_file
 
-    outputs = _program_paths(values, sources)
+    outputs = _choose_program_paths(values, sources)
     for each in job.result.files:
-        outputs[each.name].write_bytes(unpacked(each))
+        outputs[each.name].write_bytes(decompress_file(each))
     if values["report"] is not None:
         values["report"].write_bytes(job.table("csv"))
     return job
 
 
-def _optional_parameter(option: Any, kind: type = Path) -> tuple[Any, None]:  # noqa: ANN401 - Typer's
-    """Return annotation and default, None, of an option that may be left out."""
+def _make_optional_parameter(option: Any, kind: type = Path) -> tuple[Any, None]:  # noqa: ANN401 - Typer's
+    """Return the annotation and the default, None, of an option that may be omitted."""
     return Annotated[kind | None, option], None
 
 
 _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
     "run": _FileOptions(
         options={
-            "apply": _optional_parameter(
+            "apply": _make_optional_parameter(
                 typer.Option(
                     metavar="ACTION",
                     help="Apply an action that a reason advises, such as exchange_columns or "
@@ -576,37 +606,37 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
                 ),
                 str,
             ),
-            "output": _optional_parameter(
+            "output": _make_optional_parameter(
                 cli.output_option("File to write the corrected campaign to; default: next to the old one.")
             ),
         },
         finish=_apply_action,
-        written=lambda values, _: [_path_of_corrected_campaign(values)],
+        list_paths=lambda values, _: [_choose_corrected_path(values)],
     ),
     "geometry": _FileOptions(
         options={
             "robot": (cli.NamedRobot, None),
-            "output": _optional_parameter(
+            "output": _make_optional_parameter(
                 cli.output_option("File to write the identified robot to.", "ROBOT.json")
             ),
         },
         endings=(".json",),
-        passed=("robot",),
+        passed_options=("robot",),
         finish=_write_robot,
-        written=lambda values, _: [values["output"]],
+        list_paths=lambda values, _: [values["output"]],
     ),
     "plan": _FileOptions(
         options={
-            "campaign": _optional_parameter(
+            "campaign": _make_optional_parameter(
                 cli.path_option("File to write a campaign with empty readings to.")
             )
         },
         finish=_write_campaign_to_fill_in,
-        written=lambda values, _: [values["campaign"]],
+        list_paths=lambda values, _: [values["campaign"]],
     ),
     "program": _FileOptions(
         options={
-            "output": _optional_parameter(
+            "output": _make_optional_parameter(
                 cli.output_option("File for the compensated program; a .dat is written to its folder.")
             ),
             "explain": (
@@ -619,10 +649,13 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
                 ],
                 False,
             ),
-            "report": _optional_parameter(cli.path_option("CSV file to write all points to.")),
+            "report": _make_optional_parameter(cli.path_option("CSV file to write all points to.")),
         },
         finish=_write_program,
-        instead=_explain_moves_if_requested,
-        written=lambda values, sources: [*_program_paths(values, sources).values(), values["report"]],
+        replace_work=_explain_moves_if_requested,
+        list_paths=lambda values, sources: [
+            *_choose_program_paths(values, sources).values(),
+            values["report"],
+        ],
     ),
 }

@@ -17,7 +17,7 @@ from jointstiff.service.cli.kinds import field_options, gather_stated_fields
 if TYPE_CHECKING:
     from jointstiff.service.library.measure import LiveMeasurement
 
-_NOT_OFFERED: Final = {
+_FIELDS_WITHOUT_OPTION: Final = {
     "elastic_links",
     "directions",
     "goal",
@@ -34,7 +34,8 @@ _HELP_TEXTS: Final = {
 }
 
 
-def _text_option(name: str, metavar: str, text: str) -> Any:  # noqa: ANN401 - an annotation
+def _make_text_option(name: str, metavar: str, text: str) -> Any:  # noqa: ANN401 - an annotation
+    """Return the annotation of an option `name` with a text as value, such as `--server ADDRESS`."""
     return Annotated[str | None, typer.Option(name, metavar=metavar, help=text)]
 
 
@@ -62,7 +63,7 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
         ...,
     ),
     "force": (
-        _text_option(
+        _make_text_option(
             "--force",
             "X,Y,Z[N]",
             "Force in the work area, axes of R0; one number is a weight. Default: that of the load.",
@@ -74,10 +75,10 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
         None,
     ),
     "server": (
-        _text_option(
+        _make_text_option(
             "--server",
             "ADDRESS",
-            "Service that keeps the open set, so that a page can follow; default: this process.",
+            "Service that stores the readings, so that a web page shows them; default: this process.",
         ),
         None,
     ),
@@ -94,7 +95,7 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
         False,
     ),
     "pattern": (
-        _text_option(
+        _make_text_option(
             "--pattern",
             "REGEX",
             "Form of `lines` as a regular expression: groups x, y, z, and target, sigma if present.",
@@ -102,7 +103,7 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
         None,
     ),
     "columns": (
-        _text_option(
+        _make_text_option(
             "--columns",
             "NAME,NAME,...",
             "Form of `lines` as columns in order, such as target,x,y,z or -,x,y,z,sigma.",
@@ -110,11 +111,13 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
         None,
     ),
     "source_unit": (
-        _text_option("--source-unit", "UNIT", "Unit of lengths in `lines`: mm, m, um or in; default: mm."),
+        _make_text_option(
+            "--source-unit", "UNIT", "Unit of lengths in `lines`: mm, m, um or in; default: mm."
+        ),
         None,
     ),
     "request": (
-        _text_option(
+        _make_text_option(
             "--request",
             "TEXT",
             "Text sent to `lines` before each reading, with {target}, {state}, {label}, {joints} [rad], "
@@ -140,8 +143,8 @@ _LINE_OPTIONS: Final = ("pattern", "columns", "source_unit", "request", "baud")
 
 
 def build_measure_command() -> Callable[..., None]:
-    """Return the function of the command `measure`, with an option for each field except `_NOT_OFFERED`."""
-    offered = {key: one for key, one in field_options(LiveOptions) if key not in _NOT_OFFERED}
+    """Return the function of the command `measure`, with options for fields of `LiveOptions`."""
+    offered = {key: one for key, one in field_options(LiveOptions) if key not in _FIELDS_WITHOUT_OPTION}
     for key, text in _HELP_TEXTS.items():
         offered[key].__metadata__[0].help = text
 
@@ -159,7 +162,7 @@ def build_measure_command() -> Callable[..., None]:
         str,
         typer.Argument(
             metavar="CAMPAIGN_OR_ROBOT",
-            help="Campaign whose robot, loads, targets and noise are taken, its readings not; or a robot: a "
+            help="Campaign: its robot, loads, targets and noise are used, not its readings. Or a robot: a "
             "file, or the name of an arm of the catalogue, with --load and --target.",
         ),
     ]
@@ -180,19 +183,19 @@ def _run_measure(source: str, stated: dict[str, Any], values: dict[str, Any]) ->
     if values["options"] is not None:
         stated = read_object(values["options"]) | stated
     asks = not values["yes"] and not values["as_json"] and sys.stdin.isatty()
-    of_lines = {name: values[name] for name in _LINE_OPTIONS if values[name] is not None}
+    line_options = {name: values[name] for name in _LINE_OPTIONS if values[name] is not None}
     if values["source"].startswith("lines:"):
-        of_lines |= {"sample": not values["yes"], "warn": cli.warn}
-    given: dict[str, Any] = {
+        line_options |= {"sample": not values["yes"], "warn": cli.warn}
+    arguments: dict[str, Any] = {
         "goal": values["goal"],
         "source": values["source"],
         "force": _parse_force(values["force"]),
         "timeout": values["timeout"],
-        "source_options": of_lines,
+        "source_options": line_options,
         **stated,
     }
     if values["server"] is None:
-        with measure(source, **given) as campaign:
+        with measure(source, **arguments) as campaign:
             _measure_and_print(campaign, values, asks=asks)
         return
     from jointstiff.service.library.client import (
@@ -201,7 +204,7 @@ def _run_measure(source: str, stated: dict[str, Any], values: dict[str, Any]) ->
 
     with Client(values["server"].rstrip("/"), warn=cli.warn) as client:
         client.ping()
-        with measure(source, client=client, **given) as campaign:
+        with measure(source, client=client, **arguments) as campaign:
             _measure_and_print(campaign, values, asks=asks)
 
 
@@ -225,7 +228,7 @@ def _measure_and_print(campaign: LiveMeasurement, values: dict[str, Any], *, ask
     from jointstiff.service.cli.at_terminal import AtTerminal
     from jointstiff.service.kinds.run.kind import RUN
     from jointstiff.service.live.sources import SourceError
-    from jointstiff.service.reports.job import job_report
+    from jointstiff.service.reports.job import lay_out_job
     from jointstiff.service.tables.terminal import console
 
     person = AtTerminal(campaign, asks=asks, confirmed=values["yes"])
@@ -241,32 +244,32 @@ def _measure_and_print(campaign: LiveMeasurement, values: dict[str, Any], *, ask
     state = campaign.state
     cli.warn(state.message if state.message.startswith(state.state) else f"{state.state}: {state.message}")
     if not campaign.count:
-        raise cli.print_failure("nothing was read", "measure again")
+        raise cli.print_failure("no reading was taken", "measure again")
     run = campaign.close()
     if values["save"] is not None:
         campaign.campaign.save(values["save"])
         cli.warn(f"wrote {values['save']}")
     if values["as_json"]:
-        typer.echo(json.dumps(_json_document(campaign, stopped), indent=2, ensure_ascii=False))
+        typer.echo(json.dumps(_make_json_document(campaign, stopped), indent=2, ensure_ascii=False))
     else:
-        console().print(job_report(RUN, run, details=values["details"], unit=values["unit"]))
+        console().print(lay_out_job(RUN, run, details=values["details"], unit=values["unit"]))
     if stopped is not None or run.state != "succeeded":
         raise typer.Exit(1)
 
 
-def _json_document(campaign: LiveMeasurement, stopped: Any) -> dict[str, Any]:  # noqa: ANN401 - an error or None
+def _make_json_document(campaign: LiveMeasurement, stopped: Any) -> dict[str, Any]:  # noqa: ANN401 - an error or None
     """Return the JSON document that `--json` prints: outcome, record of the readings, and run."""
     state, run = campaign.outcome, campaign.close()
-    plain = state.model_dump(mode="json", exclude={"revision", "still_needed", "next", "warnings"})
-    record = plain.pop("readings")
+    fields = state.model_dump(mode="json", exclude={"revision", "still_needed", "next", "warnings"})
+    readings = fields.pop("readings")
     return {
         "readings": campaign.count,
-        **plain,
-        "withdrawn": sum(each["state"] == "withdrawn" for each in record),
+        **fields,
+        "withdrawn": sum(each["state"] == "withdrawn" for each in readings),
         "ball_ratio": next(
-            (each["ball_ratio"] for each in record[::-1] if each["ball_ratio"] is not None), None
+            (each["ball_ratio"] for each in readings[::-1] if each["ball_ratio"] is not None), None
         ),
-        "record": record,
+        "record": readings,
         "stopped": None if stopped is None else stopped.reason,
         "run_id": run.id,
         "error": None if run.error is None else run.error.model_dump(mode="json"),

@@ -75,13 +75,13 @@ def report(
 
 
 def read_or_identify_run(file: Path, run: Path | None) -> TabledRun:
-    """Return the run of a campaign: read from the file `run`, or identified now if that is None."""
+    """Return the run of a campaign: read from the file `run`, or identified now if `run` is None."""
     from jointstiff.schemas.run import Run
     from jointstiff.service.library.here import Here, attach_campaign
-    from jointstiff.service.resources.documents import campaign_of, read_document
+    from jointstiff.service.resources.documents import read_campaign, read_document
 
     if run is not None:
-        return attach_campaign(read_document(run, Run), campaign_of(file))
+        return attach_campaign(read_document(run, Run), read_campaign(file))
     identified: TabledRun = Here().identify(file)
     return identified
 
@@ -104,34 +104,34 @@ def robots(
 ) -> None:
     """List the nominal arms of the catalogue."""
     from jointstiff.service.conversion.catalogue import catalogue, find_arm, nominal_robot
-    from jointstiff.service.problems import problem_of
-    from jointstiff.service.tables.terminal import console, printed
+    from jointstiff.service.problems import problem_from_error
+    from jointstiff.service.tables.terminal import console, lay_out_parts
     from jointstiff.solver.errors import RequestError
 
     if output is not None and name is None:
-        raise typer.BadParameter("needs the name of an arm", param_hint="--output")
+        raise typer.BadParameter("needs the name of an arm: give ARM, too", param_hint="--output")
     try:
         arm = None if name is None else find_arm(name, "ARM")
     except RequestError as error:
-        raise cli.print_problem(problem_of(error)) from error
+        raise cli.print_problem(problem_from_error(error)) from error
     if as_json:
         typer.echo((arm or catalogue()).model_dump_json(indent=2))
     else:
-        console().print(printed(_arm_list_parts(catalogue()) if arm is None else _arm_parts(arm)))
+        console().print(lay_out_parts(_make_arm_list(catalogue()) if arm is None else _describe_arm(arm)))
     if output is not None and arm is not None:
         cli.refuse_existing(output, overwrite=overwrite)
         cli.write_text(output, nominal_robot(arm).model_dump_json(indent=1, exclude_none=True))
 
 
-def _arm_list_parts(catalogue: Catalogue) -> list[Part]:
+def _make_arm_list(catalogue: Catalogue) -> list[Part]:
     """Return a table of the arms with reach and preset of the joint map, and a line on how to use one."""
-    from jointstiff.service.tables.table import Column, Line, Table, number
+    from jointstiff.service.tables.table import Column, Line, Table, number_formatter
 
     names = {preset.id: preset.name for preset in catalogue.joint_maps}
     table = Table(
         [
             Column("arm", [arm.name for arm in catalogue.arms], text=True),
-            Column("reach", [arm.reach for arm in catalogue.arms], number("g", 1e3), "mm"),
+            Column("reach", [arm.reach for arm in catalogue.arms], number_formatter("g", 1e3), "mm"),
             Column(
                 "joint map", [names.get(arm.joint_map_preset or "", "—") for arm in catalogue.arms], text=True
             ),
@@ -141,7 +141,7 @@ def _arm_list_parts(catalogue: Catalogue) -> list[Part]:
     return [table, Line('Use an arm by its name, such as --robot "KUKA KR 210 R2700".')]
 
 
-def _arm_parts(arm: Arm) -> list[Part]:
+def _describe_arm(arm: Arm) -> list[Part]:
     """Return the description of an arm: title, Denavit-Hartenberg table, joint map, reach and sources."""
     from jointstiff.service.tables.table import Column, Line, Table
 

@@ -68,7 +68,7 @@ def check_ending(path: Path, endings: Iterable[str], *, reported: bool = False) 
 
 
 def path_option(text: str, metavar: str = "FILE") -> Any:  # noqa: ANN401 - Typer's
-    """Return a Typer option that names a file to write in addition to that of `--output`."""
+    """Return a Typer option whose value is the path of a further file to write, other than `--output`."""
     return typer.Option(dir_okay=False, metavar=metavar, help=text)
 
 
@@ -90,7 +90,9 @@ CampaignFile = Annotated[
 ]
 RunFile = Annotated[
     Path | None,
-    file_option("Run of that campaign, as `identify --json` prints it; default: identify it now."),
+    file_option(
+        "File of the campaign's run, as `identify --json` prints it; default: identify the campaign now."
+    ),
 ]
 NamedRobot = Annotated[
     str | None,
@@ -111,8 +113,8 @@ ServerAddress = Annotated[
 Units = Literal["MNm/rad", "kNm/deg", "Nm/arcmin", "Nm/rad", "urad/Nm"]
 
 
-def _unit_of(text: str) -> str:
-    """Return the unit of stiffness that a text names in any mix of upper and lower case."""
+def _parse_unit(text: str) -> str:
+    """Return the unit of stiffness that a text names, in upper or lower case; refuse another text."""
     words: tuple[str, ...] = get_args(Units)
     unit = next((word for word in words if word.lower() == text.lower()), None)
     if unit is None:
@@ -123,7 +125,7 @@ def _unit_of(text: str) -> str:
 Unit = Annotated[
     Units,
     typer.Option(
-        parser=_unit_of,
+        parser=_parse_unit,
         metavar=f"<{'|'.join(get_args(Units))}>",
         autocompletion=lambda: list(get_args(Units)),
         help="Unit of the tables: 10⁶ N·m/rad, kN·m/°, …, or µrad/(N·m).",
@@ -136,7 +138,7 @@ Parameters = Mapping[str, tuple[Any, Any]]
 
 
 def set_signature(command: Callable[..., None], parameters: Parameters) -> None:
-    """Give a function the keyword parameters from which Typer makes the options of a command."""
+    """Set the keyword parameters of a function, from which Typer makes the options of its command."""
     command.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
         [
             inspect.Parameter(
@@ -151,7 +153,7 @@ def set_signature(command: Callable[..., None], parameters: Parameters) -> None:
 
 
 def options_from_settings(settings: type) -> Parameters:
-    """Return the parameters of a command by the fields of a dataclass: annotation and default by name."""
+    """Return a parameter of a command for each field of a dataclass: (annotation, default) by name."""
     hints = get_type_hints(settings, include_extras=True)
     return {field.name: (hints[field.name], field.default) for field in fields(settings)}
 
@@ -161,9 +163,9 @@ def print_known_error(error: Exception) -> typer.Exit | None:
     if isinstance(error, OSError) and error.filename is not None:
         return print_failure(f"cannot write {error.filename}: {error.strerror}", "choose another path")
     if isinstance(error, ImportError):
-        from jointstiff.service.problems import missing_extra
+        from jointstiff.service.problems import explain_missing_library
 
-        error = missing_extra("this command", error)
+        error = explain_missing_library("this command", error)
     if not type(error).__module__.startswith("jointstiff."):
         return None
     from jointstiff.service.problems import ProblemError, ServiceError
@@ -206,4 +208,4 @@ def refuse_existing(path: Path, *, overwrite: bool) -> None:
         typer.Exit: the file exists.
     """
     if path.exists() and not overwrite:
-        raise print_failure(f"{path} exists", "choose another name, or --overwrite")
+        raise print_failure(f"{path} exists", "choose another name, or use --overwrite")

@@ -60,8 +60,8 @@ def post(
     """
     from jointstiff.service.kinds.run.kind import RUN
     from jointstiff.service.library.client import Client
-    from jointstiff.service.reports.job import job_report
-    from jointstiff.service.resources.documents import campaign_of
+    from jointstiff.service.reports.job import lay_out_job
+    from jointstiff.service.resources.documents import read_campaign
     from jointstiff.service.tables.terminal import console, progress_bar
 
     server = server.rstrip("/")
@@ -69,7 +69,7 @@ def post(
         client.ping()
         if file.is_dir():
             raise typer.Exit(_post_all(client, file))
-        run = client.post(campaign_of(file))
+        run = client.post(read_campaign(file))
         set_id = run.request.measurement_set_id
         robot_id = client.measurement_sets.get(set_id).robot_id
         for address in (f"robots/{robot_id}", f"measurement-sets/{set_id}", f"jobs/{run.id}"):
@@ -81,7 +81,7 @@ def post(
             change = """-H 'Content-Type: application/json' -d '{"cancelled": true}'"""
             cli.warn(f"the run continues; to cancel it: curl -X PATCH {change} {server}/v1/jobs/{run.id}")
             raise
-    console().print(job_report(RUN, run, details=details, unit=unit))
+    console().print(lay_out_job(RUN, run, details=details, unit=unit))
     if run.state != "succeeded":
         raise typer.Exit(1)
 

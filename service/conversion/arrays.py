@@ -1,4 +1,4 @@
-"""Campaigns from arrays, and robots from what Python programs have: rows, URDFs, Pinocchio's models."""
+"""Conversion of arrays to campaigns, and of DH rows, URDFs and Pinocchio models to robot documents."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ _SPELLINGS: Final = {
 }
 
 
-def units_of(text: Units | Mapping[str, str] | str) -> dict[str, str]:
+def parse_units(text: Units | Mapping[str, str] | str) -> dict[str, str]:
     """Parse a text such as `mm, deg, N` or `m, rad, kN, kN.m`; return the unit of each quantity by name.
 
-    Units that are given as `Units` or as a mapping are returned as a dictionary, unchecked.
+    `Units` or a mapping are returned as a dictionary, without a check.
 
     Raises:
-        MeasurementError: a unit is not known, given twice, or missing.
+        MeasurementError: a unit is not known, a quantity has two units, or its unit is missing.
     """
     if isinstance(text, Units):
         return text.model_dump(exclude_none=True)
@@ -52,7 +52,7 @@ def units_of(text: Units | Mapping[str, str] | str) -> dict[str, str]:
         quantity = next((quantity for quantity, sizes in _SIZES.items() if name in sizes), None)
         if quantity is None or quantity in units:
             known = "; ".join(f"{quantity} {', '.join(sizes)}" for quantity, sizes in _SIZES.items())
-            fault = f"a second {quantity}" if quantity else "not a unit"
+            fault = f"a second unit of {quantity}" if quantity else "not a known unit"
             raise MeasurementError(f"'{word}' is {fault}", where="units", remedy=f"use one of each: {known}")
         units[quantity] = name
     for quantity in ("length", "angle", "force"):
@@ -83,23 +83,25 @@ class ArrayReadings:
     labels: Any  # (N,) labels of the observations; c01, c02, … if absent
 
     def document(self, units: Mapping[str, str]) -> dict[str, Any]:
-        """Return the readings as the fields of a measurement-set document in these units.
+        """Return the readings as the fields of a measurement-set document, in the units of the arrays.
+
+        `units` has the unit of each quantity by name.
 
         Raises:
             MeasurementError: shapes do not fit, a value is not a number, or a length is implausible.
         """
-        joints = table_of(self.joints, "joints")
+        joints = to_number_array(self.joints, "joints")
         count = len(joints)
         if joints.ndim != 2 or not joints.size or not np.isfinite(joints).all():
             raise _shape_error("joints", joints, "a row of finite numbers for each observation, (N, n)")
-        point = None if self.load_point is None else vectors_of(self.load_point, count, "load_point")
+        point = None if self.load_point is None else to_vectors(self.load_point, count, "load_point")
         common = point is not None and bool((point == point[0]).all())
         for place in () if point is None else point:
             refuse_far_point(place.tolist(), "load_point", length=LENGTH[units["length"]])
         places = self._flange_places(LENGTH[units["length"]])
         names, readings = self._arrange_readings(count, LENGTH[units["length"]])
-        forces = np.zeros((count, 3)) if self.forces is None else vectors_of(self.forces, count, "forces")
-        moments = None if self.moments is None else vectors_of(self.moments, count, "moments")
+        forces = np.zeros((count, 3)) if self.forces is None else to_vectors(self.forces, count, "forces")
+        moments = None if self.moments is None else to_vectors(self.moments, count, "moments")
         labels = [f"c{i:02}" for i in range(1, count + 1)] if self.labels is None else list(self.labels)
         if len(labels) != count:
             raise MeasurementError(
@@ -124,13 +126,15 @@ class ArrayReadings:
         }
 
     def _flange_places(self, length: float) -> dict[str, list[float]]:
-        """Return the targets' positions in the flange frame by name; empty if only names are given.
+        """Return the targets' positions in the flange frame by name; empty if `targets` has only names.
 
         `length` is the unit of lengths in m, for the check that no target is too far from the flange.
         """
         if not isinstance(self.targets, Mapping):
             return {}
-        places = {str(name): table_of(place, "targets").tolist() for name, place in self.targets.items()}
+        places = {
+            str(name): to_number_array(place, "targets").tolist() for name, place in self.targets.items()
+        }
         for name, place in places.items():
             refuse_far_point(place, f"targets['{name}']", length=length)
         return places
@@ -140,7 +144,7 @@ class ArrayReadings:
 
         `count` is the number of observations, `length` the unit of lengths in m.
         """
-        along = self.directions is not None
+        along = self.directions is not None  # whether each reading is one number along a direction
         fields = {
             name: value
             for name in ("unloaded", "loaded", "deflections")
@@ -167,7 +171,7 @@ class ArrayReadings:
         shape = next(iter(values.values())).shape[:2]
         directions = None
         if along:
-            stated = table_of(self.directions, "directions")
+            stated = to_number_array(self.directions, "directions")
             with suppress(ValueError):
                 directions = np.broadcast_to(stated, (*shape, 3))
             if directions is None:
@@ -190,7 +194,7 @@ class ArrayReadings:
         ]
 
     def _target_names(self, value: object) -> list[str]:
-        """Return the names of the targets, or the keys of the readings; empty if neither has names."""
+        """Return the names of the targets, else the keys of the readings `value`; empty without names."""
         if self.targets is not None:
             return [str(name) for name in self.targets]
         return [str(name) for name in value] if isinstance(value, Mapping) else []
@@ -209,7 +213,7 @@ def _arrange_by_target(
         value: readings as a program gave them.
         name: field of `ArrayReadings`, for messages.
         count: number of observations N.
-        names: names of the targets; if empty, those of the readings, else T1, T2, …
+        names: names of the targets; if empty, the keys of the readings are used, else T1, T2, …
         components: numbers of one reading: 3 for a vector, 1 along a direction.
 
     Returns:
@@ -221,10 +225,10 @@ def _arrange_by_target(
             raise MeasurementError(
                 f"there is no target '{missing[0]}'", where=name, remedy=f"use {', '.join(map(str, value))}"
             )
-        columns = [table_of(value[each], f"{name}['{each}']") for each in names or value]
+        columns = [to_number_array(value[each], f"{name}['{each}']") for each in names or value]
         array = np.stack([column.reshape(len(column), -1) for column in columns], axis=1)
     else:
-        array = table_of(value, name)
+        array = to_number_array(value, name)
         if array.ndim > 0 and array.size and array[0].size % components == 0:
             array = array.reshape(len(array), -1, components)
     names = names or [f"T{t}" for t in range(1, array.shape[1] + 1 if array.ndim > 1 else 2)]
@@ -238,19 +242,19 @@ def _arrange_by_target(
         raise MeasurementError(
             f"the reading of target '{names[t]}' lacks a coordinate",
             where=f"{name}[{i}]",
-            remedy="give all three, or none (NaN) if the target was not read",
+            remedy="give all three coordinates, or three NaN if the target was not read",
         )
     return array, names
 
 
 def _refuse_implausible_lengths(values: FloatArray, name: str, length: float, what: str = "") -> None:
-    """Refuse positions or deflections that are too long for an arm: their unit must be another one.
+    """Refuse positions or deflections that are too long for an arm, because their unit must be wrong.
 
     Args:
         values: (N, T, components) positions or deflections.
         name: field of `ArrayReadings` for the message; `deflections` have the limit of deflections.
         length: unit of lengths in m.
-        what: any text if the values are deflections though the field is another.
+        what: any text if the values are deflections, although they come from another field.
 
     Raises:
         MeasurementError: a length exceeds its limit.
@@ -267,19 +271,23 @@ def _refuse_implausible_lengths(values: FloatArray, name: str, length: float, wh
         )
 
 
-def vectors_of(value: Any, count: int, name: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
-    """Return finite numbers (count, 3) from an array of that shape, or from one row that holds for all."""
-    array = table_of(value, name)
+def to_vectors(value: Any, count: int, name: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
+    """Return finite numbers (count, 3) from an array (count, 3), or from one row (3,), which is repeated.
+
+    Raises:
+        MeasurementError: the array has another shape, or numbers that are not finite; it is called `name`.
+    """
+    array = to_number_array(value, name)
     if array.shape not in ((3,), (count, 3)) or not np.isfinite(array).all():
         raise _shape_error(name, array, f"finite numbers of shape (3,) or ({count}, 3)")
     return np.broadcast_to(array, (count, 3))
 
 
-def table_of(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
-    """Convert an array, lists, a data frame, or columns to an array of numbers; `name` is for messages.
+def to_number_array(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anything numpy understands
+    """Convert an array, lists, a data frame or a list of its columns to an array; `name` is for messages.
 
     Raises:
-        MeasurementError: the value has something else than numbers.
+        MeasurementError: the value has elements that are not numbers.
     """
     try:
         if isinstance(value, Mapping):
@@ -296,13 +304,13 @@ def table_of(value: Any, name: str) -> FloatArray:  # noqa: ANN401 - anything nu
         raise MeasurementError(
             f"`{name}` is not an array of numbers: {error}",
             where=name,
-            remedy="give an array, lists of equal lengths, or columns of a data frame; NaN for what was not "
-            "read",
+            remedy="give an array, lists of equal lengths, or columns of a data frame; write NaN where a "
+            "target was not read",
         ) from None
 
 
 def _to_plain_array(value: Any) -> Any:  # noqa: ANN401 - anything numpy understands
-    """Return the array of a data frame or a column; anything else as it is."""
+    """Return the array of a data frame or a column; return any other value unchanged."""
     return value.to_numpy() if hasattr(value, "to_numpy") else value
 
 
@@ -317,8 +325,8 @@ def _shape_error(name: str, array: FloatArray, wanted: str) -> MeasurementError:
 # ---- robots
 
 
-def dh_model(rows: Any, convention: str | None, units: Mapping[str, str]) -> dict[str, Any]:  # noqa: ANN401
-    """Return a table of Denavit and Hartenberg as the model of a robot document, in m and rad.
+def convert_dh_rows(rows: Any, convention: str | None, units: Mapping[str, str]) -> dict[str, Any]:  # noqa: ANN401
+    """Convert the rows of a Denavit–Hartenberg table to the model of a robot document, in m and rad.
 
     Args:
         rows: rows of a, alpha, d, theta, with or without lower and upper limit, as anything that numpy
@@ -338,7 +346,7 @@ def dh_model(rows: Any, convention: str | None, units: Mapping[str, str]) -> dic
     if all(isinstance(row, Mapping) or hasattr(row, "model_dump") for row in rows):
         plain = [row if isinstance(row, Mapping) else row.model_dump() for row in rows]
         return {"format": "dh", "convention": convention, "rows": plain}
-    table = table_of(rows, "robot")
+    table = to_number_array(rows, "robot")
     if table.ndim != 2 or table.shape[1] not in {4, 6}:
         raise RobotError(
             f"the table has the shape {table.shape}",
@@ -358,10 +366,10 @@ def dh_model(rows: Any, convention: str | None, units: Mapping[str, str]) -> dic
     }
 
 
-def urdf_model(text: str, base: str | None, flange: str | None) -> dict[str, Any]:
-    """Return a URDF as the model of a robot document.
+def convert_urdf(text: str, base: str | None, flange: str | None) -> dict[str, Any]:
+    """Convert the text of a URDF to the model of a robot document.
 
-    A base that is not stated is the root link; a flange that is not stated is the only tip.
+    Without `base`, the root link is the base; without `flange`, the only tip link is the flange.
 
     Raises:
         RobotError: the text is not a URDF, or several links may be the base or the flange.
@@ -384,8 +392,8 @@ def urdf_model(text: str, base: str | None, flange: str | None) -> dict[str, Any
     return {"format": "urdf", "urdf": text, **frames}
 
 
-def pinocchio_model(model: Any, flange: str | None) -> tuple[dict[str, Any], list[dict[str, Any]]]:  # noqa: ANN401
-    """Return a model of Pinocchio as the model of a robot document, and its bodies with masses.
+def convert_pinocchio_model(model: Any, flange: str | None) -> tuple[dict[str, Any], list[dict[str, Any]]]:  # noqa: ANN401
+    """Convert a Pinocchio model; return the model of a robot document, and documents of bodies with masses.
 
     Args:
         model: model whose joints form one chain, with one degree of freedom each.

@@ -13,7 +13,7 @@ from typing import Any, Final
 from jointstiff.schemas.robot import Arm, Catalogue, DhModel, DhRow, JointMap, JointMapPreset, RobotDocument
 from jointstiff.solver.errors import RequestError
 
-_SHOWN: Final = 5  # arms that a message names
+_SHOWN: Final = 5  # largest number of arms that a message names
 
 
 @cache
@@ -78,17 +78,17 @@ def find_arm(name: str, where: str) -> Arm:
 
 
 def nominal_robot(arm: Arm) -> RobotDocument:
-    """Return the robot document of an arm of the catalogue, named as nominal."""
+    """Return the robot document of an arm of the catalogue, with `(nominal)` after the arm's name."""
     return RobotDocument(name=f"{arm.name} (nominal)", model=arm.model, joint_map=arm.joint_map)
 
 
 def _normalise_name(name: str) -> str:
-    """Return letters and digits of a name in lower case, for comparisons."""
+    """Return the letters and digits of a name in lower case, for comparisons."""
     return re.sub(r"[\W_]+", "", name.casefold())
 
 
 def _drop_keys(table: dict[str, Any], *names: str) -> dict[str, Any]:
-    """Return a dictionary without some of its keys."""
+    """Return a copy of a dictionary without the keys `names`."""
     return {name: value for name, value in table.items() if name not in names}
 
 

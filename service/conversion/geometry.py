@@ -14,7 +14,7 @@ from jointstiff.solver.errors import MeasurementError
 from jointstiff.solver.geometry.identification import Conventions
 from jointstiff.solver.geometry.poses import Poses
 from jointstiff.solver.geometry.sweeps import Sweep, SweepSet
-from jointstiff.solver.mechanics.measurements import at_read_places
+from jointstiff.solver.mechanics.measurements import fill_unread_places
 from jointstiff.solver.mechanics.robot import JointMap, Robot
 
 
@@ -71,13 +71,13 @@ class _Readings:
         return angles, self._length * points, present
 
     def covariance(self, points: FloatArray, present: BoolArray) -> FloatArray:
-        """Return the covariances of points (..., 3) in units of sigma².
+        """Return the covariances of points (..., 3), in units of sigma²; `present` masks the points read.
 
-        They are (3, 3), the identity, without the data sheet of an instrument, else (..., 3, 3).
+        The result is (..., 3, 3), or the identity (3, 3) if no instrument is stated.
         """
         if self._instrument is None or self.sigma is None:
             return np.eye(3)
-        return self._instrument.covariance(at_read_places(points, present)) / self.sigma**2
+        return self._instrument.covariance(fill_unread_places(points, present)) / self.sigma**2
 
 
 def to_sweeps(request: GeometryRequest, robot: Robot | None) -> SweepSet:
@@ -132,10 +132,10 @@ def to_poses(request: GeometryRequest, robot: Robot) -> Poses:
 
 
 def to_conventions(request: GeometryRequest, targets: Sequence[str]) -> Conventions:
-    """Return the conventions by which R0 and the flange frame are placed; `targets` are those that were read.
+    """Return the conventions that define R0 and the flange frame; `targets` are the targets that were read.
 
     Raises:
-        MeasurementError: a target that places the flange was not read.
+        MeasurementError: a target that defines the flange frame was not read.
     """
     usual: Literal["nominal", "axes"] = "nominal" if request.has_robot else "axes"
     chosen = request.flange_targets
@@ -156,7 +156,7 @@ def to_conventions(request: GeometryRequest, targets: Sequence[str]) -> Conventi
 
 
 def _joint_map(request: GeometryRequest, robot: Robot | None, n: int) -> JointMap:
-    """Return the joint map of the robot, else that of the request, else the identity of n joints."""
+    """Return the joint map of the robot, else of the request, else the identity map of n joints."""
     if robot is not None:
         return robot.joint_map
     if request.joint_map is None:

@@ -1,4 +1,4 @@
-"""JSON from outside, turned into messages: strictly, and in memory of the size of what came."""
+"""Strict parsing of JSON texts to messages, in memory of the order of the text's size."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def parse(message: type[Parsed], content: bytes, section: str | None = None) -> 
     Args:
         message: model of the message.
         content: the text, with or without a byte order mark; its depth is limited to 200.
-        section: key of the document under which the message may be, instead of at the top level.
+        section: key whose value is the message, if the document has this key; else the whole document is.
 
     Raises:
         MalformedError: the text is not JSON, or not a valid message.

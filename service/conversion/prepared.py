@@ -1,4 +1,4 @@
-"""Robots and measurement sets ready for computation, from their messages; frames brought to R0."""
+"""Preparation of robots and measurement sets for computation; transformation of readings to R0."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ from jointstiff.service.conversion.readings import (
     PointNoise,
     ReadingArrays,
     content_hash,
-    hash_of,
+    hash_texts,
     to_measurements,
 )
 from jointstiff.service.conversion.robots import build_chain_robot, build_dh_chain, to_bodies
 from jointstiff.service.conversion.units import LENGTH, to_instrument
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RequestError, RobotError
-from jointstiff.solver.integrity import inspect
+from jointstiff.solver.integrity import inspect_measurements
 from jointstiff.solver.integrity.other_robots import KnownRobot
 from jointstiff.solver.mechanics.chain import KinematicChain
 from jointstiff.solver.mechanics.measurements import Measurements
@@ -52,8 +52,8 @@ if TYPE_CHECKING:
 Header = TypeVar("Header", bound=MeasurementSetHeader)
 
 
-def stated_transform(frame: Frame, length: float) -> pin.SE3:
-    """Return the transform from tracker to R0 [m] that a frame states, its rotation made orthonormal.
+def read_stated_transform(frame: Frame, length: float) -> pin.SE3:
+    """Return the transform from tracker to R0 [m] that a frame states, with its rotation made orthonormal.
 
     Args:
         frame: frame with a rotation and a translation.
@@ -64,35 +64,35 @@ def stated_transform(frame: Frame, length: float) -> pin.SE3:
     """
     from jointstiff.solver.geometry import poses
 
-    return poses.stated_transform(
+    return poses.orthonormalise_transform(
         np.array(frame.rotation, dtype=np.float64), length * np.array(frame.translation, dtype=np.float64)
     )
 
 
-def to_resolved(transform: pin.SE3, flange_targets: dict[str, Vector3] | None = None) -> ResolvedFrame:
-    """Return a transform from tracker to R0 [m] as it is stored with its set, with its flange targets."""
+def to_resolved_frame(transform: pin.SE3, flange_targets: dict[str, Vector3] | None = None) -> ResolvedFrame:
+    """Return a transform from tracker to R0 [m], with the set's flange targets, as a frame to be stored."""
     rigid = to_rigid(transform)
     return ResolvedFrame(
         rotation=rigid.rotation, translation=rigid.translation, flange_targets=flange_targets or {}
     )
 
 
-def placed(resolved: ResolvedFrame | None) -> dict[str, Any]:
-    """Return the fields of a stored set for its resolved frame; empty if all its readings are in R0."""
+def frame_fields(resolved: ResolvedFrame | None) -> dict[str, Any]:
+    """Return the resolved frame and the flange targets as fields of a stored set; empty without a frame."""
     if resolved is None:
         return {}
     frame = Rigid(rotation=resolved.rotation, translation=resolved.translation)
     return {"resolved_frame": frame, "geometry_targets": resolved.flange_targets}
 
 
-def in_base(
+def transform_to_base(
     header: Header, readings: ReadingArrays, resolved: ResolvedFrame | None
 ) -> tuple[Header, ReadingArrays]:
     """Transform a set from the tracker's frame to R0; return its header and readings, in the set's units.
 
-    Positions are moved; deflections, covariances and, if the frame says so, forces are turned. The
-    transform's own uncertainty is left out: 100 µrad change a deflection of 1 mm by 0.1 µm, and a lever of
-    2 m by 0.2 mm.
+    Positions are rotated and translated; deflections, covariances and, if the frame says so, forces are
+    rotated. The uncertainty of the transform is neglected: an error of 100 µrad changes a deflection of 1 mm
+    by 0.1 µm, and a lever of 2 m by 0.2 mm.
 
     Args:
         header: header of the set.
@@ -122,7 +122,7 @@ def in_base(
 
 
 def _turn_covariances(noise: PointNoise, R: FloatArray) -> PointNoise:
-    """Return noise whose covariances are turned by a rotation R (3, 3), exactly symmetric."""
+    """Return the noise with its covariances rotated by R (3, 3), and made exactly symmetric."""
     turned = [R @ covariance @ R.T for covariance in (noise.unloaded, noise.loaded)]
     # Rounding of the products leaves the two triangles unequal in the last digit.
     symmetric = [0.5 * (covariance + np.swapaxes(covariance, -1, -2)) for covariance in turned]
@@ -146,12 +146,12 @@ def _scale_vector(vector: npt.ArrayLike, factor: float) -> tuple[float, float, f
 def to_base_targets(
     request: GeometryRequest, sigma: float | None, after: dict[str, tuple[float, float, float]] | None = None
 ) -> BaseTargets | None:
-    """Return the base targets that were read both times; None if none were read a second time.
+    """Return the base targets that were read twice, before and after; None without first or second readings.
 
     Args:
         request: request with the first readings.
         sigma: standard uncertainty that scales the covariances [m]; None if no noise is stated.
-        after: second readings by target, in the request's unit of length; those of the request if None.
+        after: second readings by target, in the request's unit of length; if None, the request's own.
 
     Raises:
         MeasurementError: fewer than three targets were read both times.
@@ -190,25 +190,25 @@ class PreparedRobot:
 
 @dataclass(frozen=True, eq=False)
 class PreparedSet:
-    """A measurement set that was checked, ready for computation, however many runs it gets."""
+    """A measurement set that was checked and is ready for computation in any number of runs."""
 
     robot: Robot  # the robot that was measured
     robot_id: str  # id of the stored robot
     robot_hash: str  # hash of the robot's content
     readings: ReadingArrays  # the readings as they are stored, in the units of the set
     measurements: Measurements  # the readings in SI units
-    warnings: list[Finding]  # what was noticed when the set was checked
+    warnings: list[Finding]  # findings of the check of the set
     content_hash: str  # SHA-256 of readings, units and frame, not of the name
 
     @property
     def content(self) -> str:
-        """Return the hash of robot and readings."""
-        return hash_of(self.robot_hash, self.content_hash)
+        """Hash (SHA-256) of robot and readings together, in hexadecimal digits."""
+        return hash_texts(self.robot_hash, self.content_hash)
 
     def run_hash(self, request: RunRequest) -> str:
         """Return the SHA-256 of robot, readings and options of a run: equal runs have equal hashes."""
         options = request.model_dump_json(exclude={"measurement_set_id", "leave_out", "variant_of"})
-        return hash_of(self.content, options, "" if request.weight is None else repr(self.robot.bodies))
+        return hash_texts(self.content, options, "" if request.weight is None else repr(self.robot.bodies))
 
 
 def prepare_robot(document: RobotDocument) -> PreparedRobot:
@@ -243,7 +243,7 @@ def prepare_robot(document: RobotDocument) -> PreparedRobot:
     # Robots were hashed before joints had kinds: without prismatic joints, the hash has to stay what it was.
     kinds = {} if robot.prismatic.any() else {"model": {"rows": {"__all__": {"kind"}}}}
     content = document.model_dump_json(exclude={"name": True, "bodies": True, **kinds})
-    return PreparedRobot(document, robot, hash_of(content))
+    return PreparedRobot(document, robot, hash_texts(content))
 
 
 def build_robot(document: RobotDocument) -> Robot:
@@ -279,8 +279,8 @@ def check_set(
         document: the set as it was posted.
         robot: the robot that was measured.
         resolved: transform from the set's frame to R0; None if all readings are in R0.
-        noticed: findings about the frame, to which those about the readings are added.
-        others: robots that may have been measured instead, as `inspect` takes them.
+        noticed: findings about the frame, which come before the findings about the readings.
+        others: known robots, in case another robot was measured instead of `robot`.
         robot_id: id of the robot, if it is stored.
         robot_hash: hash of the robot's content.
 
@@ -289,10 +289,12 @@ def check_set(
     """
     with _add_label_to_errors(document.observations):
         readings = ReadingArrays.from_observations(document.observations)
-        measurements = to_measurements(*in_base(document, readings, resolved), robot)
+        measurements = to_measurements(*transform_to_base(document, readings, resolved), robot)
     findings = list(noticed)
     if measurements.unloaded_only is None:  # without a load there is no deflection to inspect
-        findings += inspect(robot, measurements, degrees=document.units.angle == "deg", others=others)
+        findings += inspect_measurements(
+            robot, measurements, degrees=document.units.angle == "deg", others=others
+        )
     content = content_hash(document, readings, resolved)
     return PreparedSet(robot, robot_id, robot_hash, readings, measurements, findings, content)
 
@@ -320,7 +322,7 @@ def prepare_set(
         document: the set, in R0 or in a frame that the set states in numbers.
         robot: the robot that was measured.
         robot_id: any id for the robot.
-        others: robots that may have been measured instead, as `inspect` takes them.
+        others: known robots, in case another robot was measured instead of `robot`.
 
     Raises:
         MeasurementError: the set cannot be used.
@@ -329,7 +331,7 @@ def prepare_set(
     return check_set(
         document,
         robot.robot,
-        own_frame(document),
+        resolve_stated_frame(document),
         [],
         others,
         robot_id=robot_id,
@@ -337,7 +339,7 @@ def prepare_set(
     )
 
 
-def own_frame(document: MeasurementSetDocument) -> ResolvedFrame | None:
+def resolve_stated_frame(document: MeasurementSetDocument) -> ResolvedFrame | None:
     """Return the frame that a set states in numbers; None if the set is in R0.
 
     Raises:
@@ -352,7 +354,7 @@ def own_frame(document: MeasurementSetDocument) -> ResolvedFrame | None:
             remedy="give the frame's rotation and translation, or use a service",
             where="frame.geometry_id",
         )
-    return to_resolved(stated_transform(frame, LENGTH[document.units.length]))
+    return to_resolved_frame(read_stated_transform(frame, LENGTH[document.units.length]))
 
 
 def _read_uploaded_urdf(model: UrdfModel) -> KinematicChain:
@@ -369,11 +371,11 @@ def _read_uploaded_urdf(model: UrdfModel) -> KinematicChain:
         raise RobotError(error.reason, remedy=error.remedy, where=place) from error
 
 
-def without(observations: Sequence[Observation], labels: Collection[str]) -> list[Observation]:
-    """Return the observations of a set without those that have some labels.
+def leave_out_observations(observations: Sequence[Observation], labels: Collection[str]) -> list[Observation]:
+    """Return the observations of a set whose labels are not among `labels`.
 
     Raises:
-        RequestError: no observation has one of the labels, or no observation remains.
+        RequestError: a label belongs to no observation, or no observation remains.
     """
     unknown = set(labels) - {observation.label for observation in observations}
     if unknown:

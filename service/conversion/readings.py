@@ -37,7 +37,7 @@ from jointstiff.solver.mechanics.measurements import (
     EncoderReadings,
     Measurements,
     position_covariances,
-    refuse_no_covariance,
+    refuse_invalid_covariance,
 )
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
@@ -68,7 +68,7 @@ class Directions(ArrayGroup):
 
     displacement: FloatArray  # (N, T) loaded minus unloaded, along the direction
     vector: FloatArray  # (N, T, 3) direction as posted, of any length
-    in_flange: BoolArray  # (N, T) whether it was posted in the flange frame
+    in_flange: BoolArray  # (N, T) whether the direction was posted in the flange frame
 
     @classmethod
     def from_readings(
@@ -95,7 +95,7 @@ class Directions(ArrayGroup):
         return np.asarray(self.vector.any(axis=-1))
 
     def rotated(self, R: FloatArray) -> Directions:
-        """Return directions turned by R (3, 3), but for those that are in the flange frame."""
+        """Return a copy whose directions are turned by R (3, 3), except directions in the flange frame."""
         vector = np.where(self.in_flange[..., None], self.vector, self.vector @ R.T)
         return replace(self, vector=vector)
 
@@ -162,7 +162,7 @@ class EncoderArrays(ArrayGroup):
         return cls(np.array(list(names)), present, unloaded, loaded)
 
     def readings_of(self, i: int) -> list[EncoderReading] | None:
-        """Return the encoder readings of observation i as they were posted; None if it has none."""
+        """Return the encoder readings of observation i as they were posted; None if no encoder was read."""
         readings = [
             EncoderReading.model_construct(
                 joint=str(self.joints[e]),
@@ -192,7 +192,7 @@ class EncoderArrays(ArrayGroup):
 
 @dataclass(frozen=True, eq=False)
 class PointNoise(ArrayGroup):
-    """Noise stated by N observations of T targets; zero where a reading states the other kind or none."""
+    """Noise stated by readings of T targets in N observations: sigma or covariances, zero if not stated."""
 
     prefix = "noise_"
 
@@ -228,7 +228,7 @@ class PointNoise(ArrayGroup):
         return cls(sigma, unloaded, loaded)
 
     def reading_fields(self, i: int, t: int) -> dict[str, Any]:
-        """Return the noise that observation i stated of target t, by the names of the fields; else empty."""
+        """Return the noise of the reading of target t in observation i by field; {} without noise."""
         if self.sigma[i, t]:
             return {"sigma": float(self.sigma[i, t])}
         if not self.unloaded[i, t].any():
@@ -244,7 +244,7 @@ class PointNoise(ArrayGroup):
         return np.asarray((self.sigma > 0.0) | self.unloaded.any(axis=(2, 3)))
 
     def covariances(self) -> tuple[FloatArray, FloatArray]:
-        """Return covariances (N, T, 3, 3) of unloaded and loaded positions, unit of length squared."""
+        """Return covariances (N, T, 3, 3) of the unloaded, then of the loaded positions [unit of length²]."""
         isotropic = (self.sigma**2)[..., None, None] * np.eye(3)
         return self.unloaded + isotropic, self.loaded + isotropic
 
@@ -274,7 +274,9 @@ def _refuse_partly_stated_noise(stated: list[bool], observations: list[int]) -> 
 def to_noise(
     noise: Noise | None, points: PointNoise | None, robot: Robot, plain: Measurements, *, length: float
 ) -> tuple[float | None, FloatArray]:
-    """Return sigma [m], None where no noise is stated, and the deflections' covariance in units of sigma².
+    """Return sigma [m] of a coordinate, or None without noise, and the deflections' covariances.
+
+    The covariances are in units of sigma².
 
     Args:
         noise: noise that is stated for the set.
@@ -299,13 +301,13 @@ def to_noise(
     unloaded, loaded = of_set if instrument is None else position_covariances(instrument, robot, plain)
     if points is not None:
         parts = points.covariances()
-        refuse_no_covariance(parts[0], own, "unloaded_covariance")
-        refuse_no_covariance(parts[1], own, "loaded_covariance")
+        refuse_invalid_covariance(parts[0], own, "unloaded_covariance")
+        refuse_invalid_covariance(parts[1], own, "loaded_covariance")
         unloaded, loaded = (
             np.where(own[..., None, None], length**2 * part, other)
             for part, other in zip(parts, (unloaded, loaded), strict=True)
         )
-    stated = DifferenceNoise.of(unloaded, loaded, plain.coordinates)
+    stated = DifferenceNoise.from_positions(unloaded, loaded, plain.coordinates)
     return stated.sigma, stated.covariance
 
 
@@ -313,7 +315,7 @@ def _refuse_ambiguous_noise(noise: Noise | None, own: BoolArray, plain: Measurem
     """Refuse noise that is stated twice, or for some readings only.
 
     Args:
-        noise: noise of the set; it holds for the readings that state no noise themselves.
+        noise: noise of the set, which applies to the readings that state no noise themselves.
         own: mask (N, T) of the readings that state their noise themselves.
         plain: measurements in SI units, still without noise.
 
@@ -332,7 +334,7 @@ def _refuse_ambiguous_noise(noise: Noise | None, own: BoolArray, plain: Measurem
     if unclear.any():
         i = int(np.argwhere(unclear)[0, 0])
         raise MeasurementError(
-            "the noise of a reading is not given: that of the others does not apply to it",
+            "the noise of a reading is not given, and the noise of the other readings does not apply to it",
             where=f"observations[{i}].readings",
             remedy="give the reading its `sigma`, or `noise.sigma` for all that state none",
         )
@@ -396,9 +398,9 @@ class ReadingArrays:
     # (N, T, 3) positions in R0, or the deflection itself; NaN where read unloaded only, zero where it was
     # read along a direction
     loaded: FloatArray
-    encoders: EncoderArrays | None = None  # what secondary encoders read; None if there are none
-    noise: PointNoise | None = None  # what readings state of their own; None if they do not
-    directions: Directions | None = None  # readings along a direction; None if there are none
+    encoders: EncoderArrays | None = None  # readings of secondary encoders; None without encoders
+    noise: PointNoise | None = None  # noise that readings state themselves; None if no reading states it
+    directions: Directions | None = None  # readings along a direction; None without them
 
     @classmethod
     def from_observations(cls, observations: list[Observation]) -> ReadingArrays:
@@ -445,7 +447,7 @@ class ReadingArrays:
 
     def observations(self) -> list[Observation]:
         """Return the observations as they were posted, readings in the order of `targets`."""
-        # The numbers were validated when they came in; validating 10,000 again is the cost of a run.
+        # The numbers were validated when they were posted; validating 10,000 again takes as long as a run.
         return [
             Observation.model_construct(
                 label=str(self.labels[i]),
@@ -474,7 +476,7 @@ class ReadingArrays:
         return Reading.model_construct(target=str(self.targets[t]), unloaded=unloaded, loaded=loaded, **noise)
 
     def pack(self) -> bytes:
-        """Serialise as npz, without pickles."""
+        """Return the arrays as bytes of an npz archive, without pickles."""
         buffer = io.BytesIO()
         np.savez(buffer, allow_pickle=False, **self._arrays_by_name())
         return buffer.getvalue()
@@ -489,17 +491,17 @@ class ReadingArrays:
 
     @classmethod
     def _required_names(cls) -> list[str]:
-        """Return names of the arrays that every set has."""
+        """Return the names of the arrays that every set has."""
         return [field.name for field in fields(cls) if field.name not in _OPTIONAL_GROUPS]
 
     def _arrays_by_name(self) -> dict[str, npt.NDArray[Any]]:
-        """Return the arrays by name: those that every set has, then those of the groups that this set has."""
+        """Return the arrays by name: first the required arrays, then the arrays of optional groups."""
         arrays = {name: getattr(self, name) for name in self._required_names()}
         groups = (getattr(self, name) for name in _OPTIONAL_GROUPS)
         return arrays | {name: array for group in groups if group for name, array in group.arrays().items()}
 
     def digest(self) -> bytes:
-        """Return SHA-256 of names, types, shapes and contents."""
+        """Return the SHA-256, as bytes, of the arrays' names, types, shapes and contents."""
         digest = hashlib.sha256()
         for name, array in self._arrays_by_name().items():
             digest.update(f"{name} {array.dtype.str} {array.shape};".encode())
@@ -558,7 +560,7 @@ def _list_readings(
 def _scatter(
     shape: tuple[int, ...], place: tuple[list[int], list[int]], values: list[Any], kind: type[np.generic]
 ) -> npt.NDArray[Any]:
-    """Return an array with values at index pairs (observation, target), and zeros elsewhere."""
+    """Return an array of zeros with `values` at `place`, the indices of observations and of targets."""
     out = np.zeros(shape, dtype=kind)
     out[place] = values
     return out
@@ -603,7 +605,7 @@ def has_loads(blob: bytes) -> bool:
         return bool((archive["present"] & ~np.isnan(archive["loaded"][..., 0])).any())
 
 
-def hash_of(*texts: str) -> str:
+def hash_texts(*texts: str) -> str:
     """Return the SHA-256, in hexadecimal digits, of texts that are joined by blanks."""
     return hashlib.sha256(" ".join(texts).encode()).hexdigest()
 
@@ -711,9 +713,9 @@ def _to_encoder_readings(
 
 
 def _moment_factor(units: Units, readings: ReadingArrays) -> float:
-    """Return the unit of moments in N·m.
+    """Return the factor from the unit of moments to N·m.
 
-    It may be omitted if lengths are in m, where it is the unit of force times m, or if no moment is given.
+    If the unit is not stated, it is the unit of force times m; lengths must then be in m, or all moments 0.
 
     Raises:
         MeasurementError: moments are given, and their unit is ambiguous.
@@ -732,7 +734,7 @@ def _moment_factor(units: Units, readings: ReadingArrays) -> float:
 
 
 def _choose_load_points(header: MeasurementSetHeader, readings: ReadingArrays) -> FloatArray:
-    """Return load points (N, 3): of the observation, else of the set, in the flange frame.
+    """Return load points (N, 3) in the flange frame: each observation's own, else the set's.
 
     Raises:
         MeasurementError: an observation with a force has no load point.
@@ -750,7 +752,7 @@ def _choose_load_points(header: MeasurementSetHeader, readings: ReadingArrays) -
 
 
 def _choose_positions(header: MeasurementSetHeader, readings: ReadingArrays) -> FloatArray:
-    """Return positions (N, T, 3) of the targets: unloaded, in R0; for deflections in the flange frame.
+    """Return positions (N, T, 3) of the targets: in R0, unloaded; for deflections, in the flange frame.
 
     Raises:
         MeasurementError: a target with a deflection has no position in the flange frame.

@@ -20,7 +20,7 @@ from jointstiff.solver.errors import RequestError, RobotError
 from jointstiff.solver.mechanics.chain import KinematicChain, dh_chain
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Body, JointMap, Robot
-from jointstiff.solver.messages import rows, stated_kinds
+from jointstiff.solver.messages import build_messages, list_joint_kinds
 
 if TYPE_CHECKING:  # geometry is no part of an identification
     from jointstiff.schemas.geometry import GeometryUnits
@@ -70,7 +70,7 @@ def build_chain_robot(
 
 
 def to_bodies(bodies: Sequence[Body], chain: KinematicChain) -> list[robots.Body] | None:
-    """Return the bodies of a URDF as they are stored, with names of joints; None without bodies."""
+    """Return the bodies of a URDF as messages, each with the name of its joint; None without bodies."""
     return [
         robots.Body(name=body.name, joint=chain.joint_names[body.joint], mass=body.mass, centre=body.centre)
         for body in bodies
@@ -80,22 +80,26 @@ def to_bodies(bodies: Sequence[Body], chain: KinematicChain) -> list[robots.Body
 def describe_joints(robot: Robot) -> list[robots.Joint]:
     """Return the moving joints with their limits."""
     lower, upper = robot.limits.T
-    return rows(robots.Joint, name=robot.joint_names, kind=robot.joint_kinds, lower=lower, upper=upper)
+    return build_messages(
+        robots.Joint, name=robot.joint_names, kind=robot.joint_kinds, lower=lower, upper=upper
+    )
 
 
 def to_postures(robot: Robot, joints: list[list[float]]) -> list[Posture]:
-    """Return origins and axes of joints and flange for controller positions [rad, m]; for zeros by default.
+    """Return the origins and axes of joints and flange in each configuration; in zero without configurations.
+
+    `joints` has the controller positions [rad, m] of each configuration.
 
     Raises:
         RequestError: a configuration does not have as many angles as the robot has joints.
     """
     for number, angles in enumerate(joints):
-        refuse_other_angles(robot, angles, f"joints[{number}]")
+        refuse_wrong_joint_count(robot, angles, f"joints[{number}]")
     controller = np.array(joints or [[0.0] * robot.n], dtype=np.float64)
     q = robot.joint_map.model_angles(controller)
     at = Postures(robot, q)
     frames, origins = at.joint_frames
-    return rows(
+    return build_messages(
         Posture,
         joint_names=[list(robot.joint_names)] * len(q),
         joint_origins=origins,
@@ -107,7 +111,7 @@ def to_postures(robot: Robot, joints: list[list[float]]) -> list[Posture]:
 
 
 def refuse_far_point(point: Sequence[float] | None, where: str, *, length: float = 1.0) -> None:
-    """Refuse a point on a tool that is too far from the flange: its unit must be another one.
+    """Refuse a point on a tool that is too far from the flange, because its unit must be wrong.
 
     Args:
         point: coordinates in the flange frame; None is never refused.
@@ -128,10 +132,10 @@ def refuse_far_point(point: Sequence[float] | None, where: str, *, length: float
 
 def joint_factors(robot: Robot, units: Units | GeometryUnits) -> FloatArray:
     """Return factors (n,) from the units of the joints' positions to rad, or to m for prismatic joints."""
-    return robot.by_kind(ANGLE[units.angle], LENGTH[units.length])
+    return robot.select_by_kind(ANGLE[units.angle], LENGTH[units.length])
 
 
-def refuse_other_angles(robot: Robot, angles: Sequence[float], where: str) -> None:
+def refuse_wrong_joint_count(robot: Robot, angles: Sequence[float], where: str) -> None:
     """Refuse a posture whose number of angles is not the number of joints.
 
     Raises:
@@ -145,9 +149,9 @@ def refuse_other_angles(robot: Robot, angles: Sequence[float], where: str) -> No
         )
 
 
-def kinds_of(robot: Robot) -> dict[str, JointKind]:
-    """Return the kinds of the joints by name, as results state them: empty if all joints are revolute."""
-    return stated_kinds(robot.joint_names, robot.joint_kinds)
+def joint_kinds_by_name(robot: Robot) -> dict[str, JointKind]:
+    """Return the kind of each joint by name; empty if all joints are revolute."""
+    return list_joint_kinds(robot.joint_names, robot.joint_kinds)
 
 
 def list_joint_names(robot: Robot) -> str:

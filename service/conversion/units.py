@@ -1,4 +1,4 @@
-"""Units and goals as people write them, in SI units."""
+"""Factors of units to SI units, and parsing of goals in words."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MOMENT: Final[dict[str, float]] = {"N.m": 1.0, "N.mm": 1e-3, "kN.m": 1e3, "kgf.m
 
 
 def to_instrument(sheet: StatedInstrument, length: float) -> Instrument:
-    """Return a tracker's data sheet in SI units; `length` is its unit of length in m."""
+    """Return a tracker's data sheet in SI units; `length` is the sheet's unit of length in m."""
     x, y, z = sheet.station
     return Instrument(
         station=(length * x, length * y, length * z),
@@ -34,8 +34,8 @@ def to_instrument(sheet: StatedInstrument, length: float) -> Instrument:
     )
 
 
-def goal_of_text(text: str) -> dict[str, Any]:
-    """Parse a goal in words with `parse_goal`; return its document.
+def parse_goal_text(text: str) -> dict[str, Any]:
+    """Parse the goal of a plan, written in words; return the goal as a document.
 
     Raises:
         RequestError: the text is not a goal.

@@ -17,7 +17,7 @@ def quote(text: str) -> str:
 
 
 class Place(NamedTuple):
-    """Somewhere in the files."""
+    """Place in the files of an import: file, line and column, as far as they are known."""
 
     file: str | None = None  # name of the file, as it was sent; None for all files together
     line: int | None = None  # line of a text file or row of a sheet, from 1
@@ -60,16 +60,16 @@ class Faults:
     """The faults of all files, collected so that one answer has all of them."""
 
     def __init__(self, most: int = MAX_FAULTS) -> None:
-        self.found: list[ImportFileError] = []  # in their order
-        self.most = most  # how many are kept
+        self.found: list[ImportFileError] = []  # in the order in which they were found
+        self.most = most  # largest number of faults that are kept
 
     @property
     def full(self) -> bool:
-        """Return whether as many faults are kept as an answer may have: the search for more ends."""
+        """Return whether the largest number of faults is kept, so that the search for faults can end."""
         return len(self.found) >= self.most
 
     def add(self, fault: ImportFileError) -> None:
-        """Keep a fault, unless the same one or the most faults are kept already."""
+        """Keep a fault, unless its place and reason are known or the largest number of faults is kept."""
         known = any((kept.place, kept.reason) == (fault.place, fault.reason) for kept in self.found)
         if not self.full and not known:
             self.found.append(fault)
@@ -82,7 +82,7 @@ class Faults:
 
     @contextmanager
     def collect(self, place: Place = NOWHERE) -> Iterator[None]:
-        """Catch and keep an `ImportFileError` of the block; a fault without a place gets this one."""
+        """Catch and keep an `ImportFileError` of the block; an error without a place gets `place`."""
         try:
             yield
         except ImportFileError as fault:

@@ -38,9 +38,9 @@ _MAX_PLAIN_BYTES: Final = 1024 * 1024
 """Size of a part below which its ratio does not matter."""
 _MAX_DEPTH: Final = 32
 _MAX_MARKUP_BYTES: Final = 256 * 1024
-"""Between two tags, or within one: no cell of Excel is longer."""
+"""Largest number of bytes within a tag or between two tags; no cell of Excel is longer."""
 _MAX_CHILDREN: Final = 100_000
-"""Elements within one that is read as a whole: a row, a text, all formats."""
+"""Largest number of elements in an element that is read as a whole, such as a row or a text."""
 _MAX_LINE: Final = 1_048_576
 """Excel's last row."""
 
@@ -82,7 +82,7 @@ _QUOTED: Final = re.compile(r'"[^"]*"|\\.|_.|\*.|\[[^\]]*\]')
 
 
 def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
-    """Return one sheet of a workbook as a grid; cells with formulas have the values stored with them.
+    """Return one sheet of a workbook as a grid; a cell with a formula has the value that Excel stored.
 
     Args:
         file: name of the file, for messages.
@@ -95,14 +95,14 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
     archive = Archive(file, content)
     parts, shared, styles = _find_parts(archive)
     elements = () if shared is None else archive.elements(shared, "si")
-    most = grid.MAX_CELL_LENGTH + 1  # enough to refuse long ones
+    most = grid.MAX_CELL_LENGTH + 1  # one character more than allowed is enough to refuse a text
     texts = [_join_text(archive, text)[:most] for text in elements]
-    kinds = _number_kinds(archive, styles)
+    kinds = _find_number_kinds(archive, styles)
     sheets = {name: _Sheet(archive, part, texts, kinds) for name, part in parts.items()}
     name = _find_only_filled(file, sheets) if sheet is None else sheet
     if name not in sheets:
         reason, remedy = (
-            f"there is no sheet {quote(name)}",
+            f"the workbook has no sheet {quote(name)}",
             f"give one of {quote(', '.join(sheets))} as `sheet`",
         )
         raise ImportFileError(Place(file), reason, remedy, "sheet", tuple(sheets))
@@ -128,13 +128,13 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
 
 
 def _pad_row(row: Row, width: int) -> Row:
-    """Return a row with empty cells added at its end up to a width."""
+    """Return a row with empty cells added at the end, until the row has `width` cells."""
     more = width - len(row.cells)
     return Row(row.line, row.cells + ("",) * more, (row.kinds or ()) + _EMPTY * more)
 
 
 def _find_only_filled(file: str, sheets: Mapping[str, _Sheet]) -> str:
-    """Return the name of the only sheet with a row, or of the first sheet if all are empty.
+    """Return the name of the only sheet that has rows, or of the first sheet if all sheets are empty.
 
     Raises:
         ImportFileError: several sheets have rows.
@@ -170,13 +170,15 @@ def _find_parts(archive: Archive) -> tuple[dict[str, str], str | None, str | Non
         if part is not None and names.setdefault(name, part) is not part:
             raise archive.build_error(f"two sheets have the name {quote(name)}")
     if not names or any(len(related[kind]) > 1 for kind in ("sharedStrings", "styles")):
-        raise archive.build_error("a workbook without a sheet, or with two tables of texts or styles")
+        raise archive.build_error(
+            "the workbook has no sheet, or more than one part with shared texts or with styles"
+        )
     texts, styles = (next(iter(related[kind].values()), None) for kind in ("sharedStrings", "styles"))
     return names, texts, styles
 
 
-def _number_kinds(archive: Archive, part: str | None) -> dict[str, CellKind]:
-    """Return what numbers of each format mean, by the index of the format: number, date or percentage.
+def _find_number_kinds(archive: Archive, part: str | None) -> dict[str, CellKind]:
+    """Return the kind of the numbers in cells of each format: number, date or percentage, by format index.
 
     Excel stores dates as numbers of days, and 50 % as 0.5; only the format of a cell tells them apart.
     """
@@ -193,7 +195,12 @@ def _number_kinds(archive: Archive, part: str | None) -> dict[str, CellKind]:
 
 
 def _number_kind(number: str, code: str | None) -> CellKind:
-    """Return what numbers of a format mean, by its number if the format is built in, else by its code."""
+    """Return the kind of the numbers in cells of a format: number, date or percentage.
+
+    Args:
+        number: number of the format, as Excel stores it.
+        code: code such as `0.00 %`; None for a format that is built into Excel.
+    """
     if code is None:
         known = int(number) if number.isascii() and number.isdigit() and len(number) < 5 else 0
         return "date" if known in _DATES else "percentage" if known in _PERCENTAGES else "number"
@@ -206,8 +213,8 @@ def _number_kind(number: str, code: str | None) -> CellKind:
 # ---- the cells of one sheet
 
 
-def _children(archive: Archive, element: Element) -> Iterator[tuple[str, Element]]:
-    """Yield the children of an element with their names; refuse a child that is not allowed in it.
+def _iterate_children(archive: Archive, element: Element) -> Iterator[tuple[str, Element]]:
+    """Yield name and element of each child of an element; refuse a child that the element may not have.
 
     Raises:
         ImportFileError: an unknown child could hold a value that would be lost.
@@ -217,14 +224,16 @@ def _children(archive: Archive, element: Element) -> Iterator[tuple[str, Element
         name = _NAMES.get(child.tag)
         if name not in allowed:
             tag = child.tag.rpartition("}")[2]
-            raise archive.build_error(f"an element {quote(tag)} that {quote(element.tag)} cannot have")
+            raise archive.build_error(
+                f"element {quote(element.tag)} contains {quote(tag)}, which is not allowed"
+            )
         yield name, child
 
 
 def _join_text(archive: Archive, element: Element) -> str:
-    """Join the pieces of a text, which may have different fonts; phonetic pieces are left out."""
+    """Return a text joined from its pieces in different fonts, without the pieces that show pronunciation."""
     pieces = []
-    for name, child in _children(archive, element):
+    for name, child in _iterate_children(archive, element):
         if name == "r":
             pieces.append(_join_text(archive, child))
         elif name == "t":
@@ -235,7 +244,7 @@ def _join_text(archive: Archive, element: Element) -> str:
 def _plain_text(archive: Archive, element: Element) -> str:
     """Return the text of an element without children."""
     if len(element):
-        next(_children(archive, element))  # raises: no child is allowed here
+        next(_iterate_children(archive, element))  # This raises the error, because no child is allowed here.
     return element.text or ""
 
 
@@ -248,7 +257,7 @@ class _Sheet:
     def __init__(
         self, archive: Archive, part: str, texts: Sequence[str], kinds: Mapping[str, CellKind]
     ) -> None:
-        """Prepare to read."""
+        """Prepare to read the sheet in `part`, with the shared texts and the kinds of number formats."""
         self._archive, self._part, self._texts, self._kinds = archive, part, texts, kinds
         self._line = self._column = self._count = self._hidden = self._formulas = 0
 
@@ -275,14 +284,14 @@ class _Sheet:
                 yield row
 
     def _read_row(self, element: Element) -> Row | None:
-        """Return the row of an element; None if all of its cells are empty."""
+        """Return the row that an XML element holds; None if all cells of the row are empty."""
         number = element.get("r", str(self._line + 1))
         if not _ROW.fullmatch(number) or not self._line < int(number) <= _MAX_LINE:
             raise self._workbook_error(f"row {quote(number)} follows row {self._line}")
         self._line, self._column = int(number), 0
         cells: list[str] = []
         kinds: list[CellKind] = []
-        for name, cell in _children(self._archive, element):
+        for name, cell in _iterate_children(self._archive, element):
             if name == "c":
                 self._advance_to(cell.get("r"))
                 text, kind = self._read_cell(cell)
@@ -300,7 +309,7 @@ class _Sheet:
             letters = match[1] if match else ""
             stated = reduce(lambda number, letter: 26 * number + ord(letter) - 64, letters, 0)
             if match is None or int(match[2]) != self._line or stated < column:
-                raise self._workbook_error(f"cell {quote(address)} is not in its place")
+                raise self._workbook_error(f"cell {quote(address)} is out of order in the sheet")
             column = stated
         self._count += column - self._column
         self._column = column
@@ -314,15 +323,15 @@ class _Sheet:
         children = {_NAMES.get(child.tag): child for child in cell}
         type_, style = cell.get("t", "n"), cell.get("s", "0")
         if type_ != "n" and type_ not in _KINDS:
-            raise self._workbook_error(f"a cell of unknown type {quote(type_)}")
+            raise self._workbook_error(f"a cell has the unknown type {quote(type_)}")
         kind = _KINDS.get(type_) or (self._kinds.get(style) if self._kinds else "number")
         if kind is None:
-            raise self._workbook_error(f"a cell of unknown format {quote(style)}")
+            raise self._workbook_error(f"a cell has the unknown format {quote(style)}")
         holder = "is" if type_ == "inlineStr" else "v"
         if len(children) != len(cell) or not children.keys() <= {holder, "f", "extLst"}:
             tags = ", ".join(child.tag.rpartition("}")[2] for child in cell)
             raise self._workbook_error(
-                f"elements {quote(tags)}, which a cell of type {quote(type_)} cannot have"
+                f"a cell of type {quote(type_)} contains {quote(tags)}, which is not allowed"
             )
         value = self._read_value(children[holder], type_) if holder in children else ""
         if "f" in children:
@@ -337,7 +346,9 @@ class _Sheet:
         if type_ == "s" and value:
             known = value.isascii() and value.isdigit() and len(value) < 8
             if not known or int(value) >= len(self._texts):
-                raise self._workbook_error(f"a cell that refers to an unknown text {quote(value)}")
+                raise self._workbook_error(
+                    f"a cell refers to a shared text that the workbook lacks, {quote(value)}"
+                )
             value = self._texts[int(value)]
         if len(value) > grid.MAX_CELL_LENGTH:
             raise self._workbook_error(f"a cell has more than {grid.MAX_CELL_LENGTH} characters")
@@ -355,7 +366,11 @@ class Archive:
     """Archive of an Excel file: named parts, read within limits that hold for all parts together."""
 
     def __init__(self, file: str, content: bytes) -> None:
-        """Open an archive, and refuse one that is damaged, encrypted or too large when unpacked."""
+        """Open an archive; refuse a file that is damaged, encrypted or too large when it is unpacked.
+
+        Raises:
+            ImportFileError: the archive is refused.
+        """
         self._file = file
         self._tags = 0
         try:
@@ -365,13 +380,19 @@ class Archive:
         parts = self._zip.infolist()
         self._parts = {part.filename: part for part in parts}
         if len(parts) > _MAX_PARTS or len(self._parts) != len(parts):
-            raise self.build_error(f"more than {_MAX_PARTS} parts, or two of one name")
+            raise self.build_error(
+                f"the file has more than {_MAX_PARTS} parts, or two parts with the same name"
+            )
         if sum(part.file_size for part in parts) > MAX_UNPACKED_BYTES:
-            raise self.build_error(f"more than {MAX_UNPACKED_BYTES // 1024**2} MiB when unpacked")
+            raise self.build_error(
+                f"the file has more than {MAX_UNPACKED_BYTES // 1024**2} MiB when it is unpacked"
+            )
         if any(part.file_size > _MAX_PLAIN_BYTES + _MAX_RATIO * part.compress_size for part in parts):
-            raise self.build_error(f"a part that is more than {_MAX_RATIO} times as large when unpacked")
+            raise self.build_error(
+                f"a part of the file is more than {_MAX_RATIO} times as large when it is unpacked"
+            )
         if any(part.flag_bits & 1 for part in parts):
-            raise self.build_error("it is encrypted")
+            raise self.build_error("the file is encrypted")
 
     def build_error(self, reason: str, line: int | None = None, column: int | None = None) -> ImportFileError:
         """Return the error that this file cannot be read, for a reason and at a cell."""
@@ -379,7 +400,10 @@ class Archive:
         return ImportFileError(Place(self._file, line, column), reason, remedy)
 
     def _damaged_error(self, error: BaseException) -> ImportFileError:
-        return self.build_error(f"not an Excel file (.xlsx), or damaged ({type(error).__name__})")
+        """Return the error that the file is no archive, or is damaged; `error` is what `zipfile` raised."""
+        return self.build_error(
+            f"the file is not an Excel file (.xlsx), or is damaged ({type(error).__name__})"
+        )
 
     def elements(self, name: str, *wanted: str) -> Iterator[Element]:
         """Yield the wanted elements of a part in their order, each with its children.
@@ -393,12 +417,12 @@ class Archive:
         """
         part = self._parts.get(name)
         if part is None:
-            raise self.build_error(f"not an Excel workbook: there is no part {quote(name)}")
+            raise self.build_error(f"the file is not an Excel workbook: it has no part {quote(name)}")
         if part.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise self.build_error(f"part {quote(name)} uses an unsupported compression")
         try:
             with self._zip.open(part) as stream:  # zipfile ends the stream at the size that was checked
-                yield from self._parse_elements(_Guard(self, name, stream), name, wanted)
+                yield from self._parse_elements(_LimitedStream(self, name, stream), name, wanted)
         except ParseError as error:
             raise self.build_error(f"part {quote(name)} is not well-formed ({error})") from None
         except _ZIP_FAULTS as error:
@@ -408,13 +432,15 @@ class Archive:
         """Add to the count of tags of all parts; refuse the file beyond `MAX_XML_TAGS`."""
         self._tags += tags
         if self._tags > MAX_XML_TAGS:
-            raise self.build_error(f"more than {MAX_XML_TAGS} tags in part {quote(name)} and those before it")
+            raise self.build_error(f"the file has more than {MAX_XML_TAGS} XML tags up to part {quote(name)}")
 
-    def _parse_elements(self, stream: _Guard, name: str, wanted: tuple[str, ...]) -> Iterator[Element]:
+    def _parse_elements(
+        self, stream: _LimitedStream, name: str, wanted: tuple[str, ...]
+    ) -> Iterator[Element]:
         """Yield the wanted elements of a stream of XML; other elements are dropped to save memory."""
         tags = {tag for tag, known in _NAMES.items() if known in wanted}
         path: list[Element] = []
-        outermost, children = 0, 0  # depth of the wanted element that is open, and what it contains
+        outermost, children = 0, 0  # depth of the wanted element that is open, and number of elements in it
         parser = XMLParser(encoding="utf-8")  # noqa: S314 - the guard refuses document types; whatever it claims
         events = iterparse(stream, ("start", "end"), parser)  # noqa: S314
         for event, element in events:
@@ -422,8 +448,8 @@ class Archive:
                 path.append(element)
                 children += 1
                 if len(path) > _MAX_DEPTH or (outermost and children > _MAX_CHILDREN):
-                    limits = f"{_MAX_DEPTH} levels of elements, or {_MAX_CHILDREN} in one,"
-                    raise self.build_error(f"more than {limits} in part {quote(name)}")
+                    limits = f"{_MAX_DEPTH} levels of XML elements, or {_MAX_CHILDREN} in one of them"
+                    raise self.build_error(f"part {quote(name)} has more than {limits}")
                 if element.tag in tags:
                     if outermost:
                         raise self.build_error(
@@ -439,7 +465,7 @@ class Archive:
                 del path[-1][:]  # children that were yielded or are not wanted
 
 
-class _Guard:
+class _LimitedStream:
     """Stream of XML that raises an error where it exceeds a limit or declares a document type."""
 
     def __init__(self, archive: Archive, name: str, stream: IO[bytes]) -> None:
@@ -456,10 +482,10 @@ class _Guard:
         data = self._stream.read(size)
         self._archive.count_tags(self._name, data.count(b"<"))
         if b"<!DOCTYPE" in self._last + data:
-            reason = f"a document type in part {quote(self._name)}, which could define entities"
+            reason = f"part {quote(self._name)} declares an XML document type, which is not allowed"
             raise self._archive.build_error(reason)
         self._last = data[-8:]
         self._run = 0 if b"<" in data else self._run + len(data)
         if self._run > _MAX_MARKUP_BYTES:
-            raise self._archive.build_error(f"a text of more than {_MAX_MARKUP_BYTES} bytes")
+            raise self._archive.build_error(f"a text in the file has more than {_MAX_MARKUP_BYTES} bytes")
         return data

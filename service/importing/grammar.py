@@ -28,14 +28,14 @@ _Value = TypeVar("_Value")
 
 
 def _values_by_word(groups: Mapping[_Value, Iterable[str]]) -> Mapping[str, _Value]:
-    """Return the value of each word, from the words of each value."""
+    """Return a mapping from word to value, from the words that mean each value."""
     return MappingProxyType({word: value for value, group in groups.items() for word in group})
 
 
 # ---- words and units
 
 _WORDS: Final = tomllib.loads(files(__package__).joinpath("words.toml").read_text("utf-8"))
-_BESIDE: Final[Mapping[str, Sequence[str]]] = _WORDS["beside"]
+_WORD_LISTS: Final[Mapping[str, Sequence[str]]] = _WORDS["beside"]
 _KEY_OF: Final[Mapping[str, Kind]] = _values_by_word(_WORDS["keys"])
 _STATE_OF: Final[Mapping[str, State]] = _values_by_word(_WORDS["states"])
 _VECTOR_OF: Final[Mapping[str, Kind]] = _values_by_word(_WORDS["vectors"])
@@ -44,7 +44,7 @@ MASSES: Final[Mapping[str, str]] = _values_by_word(_WORDS["masses"])
 MARKS: Final[Mapping[str, bool]] = MappingProxyType(
     {word: mark == "true" for word, mark in _values_by_word(_WORDS["marks"]).items()}
 )
-"""Whether a cell below `deleted` marks its row."""
+"""Words in the column `deleted`: True if the word marks its row as deleted."""
 DIGITS: Final[Mapping[str, State]] = MappingProxyType({"0": "unloaded", "1": "loaded"})
 """States where nothing else can be meant; elsewhere a digit is part of a name."""
 _ADDED: Final = "plus"
@@ -52,10 +52,10 @@ _ADDED: Final = "plus"
 _ALONG: Final = "along"
 """With x, y or z: a displacement along that axis of R0, read by a dial gauge."""
 _KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
-    {**dict.fromkeys(_BESIDE["expanded"], "uncertainty"), _ADDED: "addition", _ALONG: "along"}
+    {**dict.fromkeys(_WORD_LISTS["expanded"], "uncertainty"), _ADDED: "addition", _ALONG: "along"}
 )
-"""Words that make something else of a position."""
-_NOT_TARGETS: Final = frozenset((*_BESIDE["other"], *_BESIDE["expanded"]))
+"""Words in a header of a position that make the column another kind, such as an uncertainty."""
+_NOT_TARGETS: Final = frozenset((*_WORD_LISTS["other"], *_WORD_LISTS["expanded"]))
 
 _PRODUCT: Final = re.compile(r"(?<=\w)[ ·*-](?=\w)")
 INCH: Final = 25.4
@@ -94,7 +94,7 @@ def find_any_unit(text: str) -> tuple[Dimension | None, str] | None:
 
 
 def _normalise_unit(text: str) -> str:
-    """Return a unit without blanks at its ends, products as `N.m`, words of over 3 letters in lower case.
+    """Return a unit in one spelling: no blanks at the ends, products as `N.m`, long words in lower case.
 
     The case of short units matters: mN is not MN, and nm is not Nm.
     """
@@ -125,12 +125,12 @@ def collapse_blanks(text: str) -> str:
 
 
 def _alternation(texts: Iterable[str]) -> str:
-    """Return a pattern for any of some texts, the longest first; a blank also matches `_` and `-`."""
+    """Return a regular expression that matches any of the texts; a blank also matches `_` and `-`."""
     longest = sorted(texts, key=len, reverse=True)
     return "|".join(re.escape(text).replace("\\ ", r"[\s_-]+") for text in longest)
 
 
-_JOINT: Final = re.compile(rf"(?:{_alternation(_BESIDE['joints'])})[\s_-]?([0-9]{{1,2}})", re.IGNORECASE)
+_JOINT: Final = re.compile(rf"(?:{_alternation(_WORD_LISTS['joints'])})[\s_-]?([0-9]{{1,2}})", re.IGNORECASE)
 _VECTOR: Final = re.compile(rf"({_alternation(_VECTOR_OF)})[\s_-]*([xyz])", re.IGNORECASE)
 _PHRASE: Final = re.compile(
     rf"(?<![^\s_])(?:{_alternation(word for word in _STATE_OF if ' ' in word)})(?![^\s_])", re.IGNORECASE
@@ -226,11 +226,11 @@ def is_key(text: str) -> bool:
 
 def is_joint(text: str) -> bool:
     """Return whether a text is a word for a joint without the joint's number."""
-    return fold_word(split_unit(text)[0]) in _BESIDE["joints"]
+    return fold_word(split_unit(text)[0]) in _WORD_LISTS["joints"]
 
 
 def joint_number(text: str) -> int | None:
-    """Return the number of a joint by `2`, `J2` or `axis 2`; None for another name."""
+    """Return the joint's number in a text such as `2`, `J2` or `axis 2`; None for other texts."""
     match = _JOINT.fullmatch(text)
     number = match[1] if match else text
     return int(number) if number.isascii() and number.isdecimal() and len(number) < 3 else None
@@ -249,7 +249,7 @@ def split_unit(header: str) -> tuple[str, str | None]:
     if slashed is not None:
         slashed = slashed.strip("() ")
         return (base, slashed) if find_known_unit(slashed) else (header, None)
-    if round_ is not None and fold_word(header).rpartition(" ")[2] in _BESIDE["expanded"]:
+    if round_ is not None and fold_word(header).rpartition(" ")[2] in _WORD_LISTS["expanded"]:
         return header, None
     return base, bracketed if bracketed is not None else round_
 
@@ -267,7 +267,7 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
             reason = f"{quote(header)} has a unit, but is a column of texts"
             raise ImportFileError(NOWHERE, reason, "check the header")
         return Meaning(Quantity(key))
-    if fold_word(base) in _BESIDE["hung"]:
+    if fold_word(base) in _WORD_LISTS["hung"]:
         if unit not in ("kg", "kgf"):
             reason = f"{quote(header)}: the unit of a hung mass must be kg"
             raise ImportFileError(NOWHERE, reason, "write `mass [kg]`, or give forces")
@@ -345,7 +345,7 @@ def _parse_position(header: str, base: str, state_words: Mapping[str, State]) ->
     axes, states, kinds, rest = _classify_words(base, state_words)
     target = base[rest[0].start() : rest[-1].end()] if rest else None
     named = _TOKEN.findall(target or "")
-    gauges = set(_BESIDE["gauges"]).intersection(map(fold_word, named))
+    gauges = set(_WORD_LISTS["gauges"]).intersection(map(fold_word, named))
     gauged = bool(gauges) and not kinds and states <= {"deflection"}
     meant: Kind = min(kinds, default="position")
     if gauged:
@@ -388,7 +388,7 @@ def _classify_words(
             states.add(state)
         elif word in _KINDS:
             kinds.add(_KINDS[word])
-        elif word not in _BESIDE["coordinates"]:
+        elif word not in _WORD_LISTS["coordinates"]:
             rest.append(token)
     return axes, states, kinds, rest
 
@@ -399,8 +399,8 @@ def _is_no_target_word(word: str) -> bool:
     return bool(_BRACKET.search(word)) or not _NOT_TARGETS.isdisjoint(pieces)
 
 
-def along_axis(target: str) -> tuple[str, int]:
-    """Return target and axis (0 to 2) of a reading along an axis: `tip` and 2 for `tip along z`."""
+def split_along_target(target: str) -> tuple[str, int]:
+    """Split the target of a reading along an axis into name and axis: `tip along z` into `tip` and 2."""
     name, _, axis = target.rpartition(f" {_ALONG} ")
     return name, "xyz".index(axis)
 
@@ -415,9 +415,9 @@ class Vocabulary:
         self.stated = {collapse_blanks(text): meaning for text, meaning in options.columns.items()}
 
     def meaning(self, header: str, *, guessed: bool) -> Meaning:
-        """Return the meaning of a header: the one that the caller states, else the one by the grammar.
+        """Return the meaning of a header: as the caller states it, else as the grammar understands it.
 
-        A stated meaning keeps the unit of the header. `guessed` marks a meaning by the grammar as a guess.
+        A stated meaning keeps the unit of the header. `guessed` marks a meaning from the grammar as a guess.
 
         Raises:
             ImportFileError: the header is not understood, or its unit differs from the stated one.
@@ -430,10 +430,13 @@ class Vocabulary:
         if stated is None:
             return replace(meaning, guessed=meaning.guessed or guessed)
         has_no_unit = meaning.axis is None or meaning.kind == "mass"
-        return meaning if has_no_unit else _with_header_unit(text, stated, meaning)
+        return meaning if has_no_unit else _apply_header_unit(text, stated, meaning)
 
     def find(self, header: str) -> Meaning | None:
-        """Return the meaning of a header, `ignored` if the caller states one; None if it is unknown."""
+        """Return the meaning of a header by the grammar; None if the header is unknown.
+
+        A header that the caller ignores or gives a meaning is known, and returned as `ignored`.
+        """
         text = collapse_blanks(header)
         if text in self.ignored or text in self.stated or fold_word(split_unit(header)[0]) == "q0":
             return Meaning(Quantity("ignored"))
@@ -443,14 +446,14 @@ class Vocabulary:
             return None
 
     def count_known(self, headers: Iterable[str]) -> int:
-        """Return how many headers are understood; 0 if only one is, or if two have the same meaning."""
+        """Return the number of known headers; 0 if only one is known, or if two have the same meaning."""
         found = [meaning for text in headers if text and (meaning := self.find(text))]
         parts = [(meaning.quantity, meaning.axis) for meaning in found if meaning.axis is not None]
         return 0 if len(set(parts)) < len(parts) or len(found) < 2 else len(found)
 
 
-def _with_header_unit(header: str, stated: str, meaning: Meaning) -> Meaning:
-    """Return a meaning that the caller states, with the unit of the file's header if that has a unit.
+def _apply_header_unit(header: str, stated: str, meaning: Meaning) -> Meaning:
+    """Return a meaning that the caller states, with the unit of the file's header if the header has a unit.
 
     A text in square brackets is a unit. Any other end of the header is a unit only if its dimension fits:
     the t of a position `x_t` is not a tonne, and the m of `x_m` is not a metre if the caller states a unit.

@@ -75,7 +75,7 @@ class Grid:
         return PurePath(self.file).stem
 
     def place(self, row: Row, column: int | None = None) -> Place:
-        """Return the place of a row, or of its cell with this index."""
+        """Return the place of a row, or of the row's cell in the column with this index (from 0)."""
         return Place(self.file, row.line, None if column is None else column + 1)
 
 
@@ -137,9 +137,9 @@ def file_type(content: bytes, name: str = "") -> str | None:
 
 
 def _archive_type(content: bytes) -> str | None:
-    """Return words for the type of a ZIP archive; a damaged one is called a workbook.
+    """Return the type of a ZIP archive in words, such as `a Word document`.
 
-    The reader of workbooks then reports the damage.
+    A damaged archive is called a workbook, so that the reader of workbooks reports the damage.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
@@ -177,7 +177,7 @@ _Line = tuple[int, str]
 
 
 def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
-    """Decode a text file and split it into cells; a delimiter that is None is found from the lines.
+    """Decode a text file and split it into cells; find the delimiter from the lines if `delimiter` is None.
 
     Raises:
         ImportFileError: the file is not plain text, has no row, or its delimiter is ambiguous.
@@ -203,6 +203,7 @@ def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
     mark = None if delimiter == "whitespace" else CHARACTERS[delimiter or "comma"]
     split = (comment.text.split(mark) for comment in comments)
     width = len(rows[-1].cells)
+    # A comment with as many cells as the table, and a number in the last cell, may be a disabled row.
     alike = sum(len(cells) == width > 1 and looks_like_a_number(cells[-1].strip()) for cells in split)
     if alike:
         notes.append(f"{alike} of the comments look like rows of data; they were not read")
@@ -230,9 +231,9 @@ def _decode(file: str, content: bytes) -> tuple[str, str]:
     except UnicodeDecodeError as error:
         if encoding or _UTF8_SEQUENCE.search(content):
             line = None if encoding else 1 + content.count(b"\n", 0, error.start)
-            valid = f"valid {encoding.upper()}" if encoding else "UTF-8"
             reason = (
-                f"the text is damaged: not {valid} from byte {error.start + 1} on, though it begins like it"
+                f"the text is damaged: it begins as {(encoding or 'utf-8').upper()}, but byte "
+                f"{error.start + 1} is not valid in this encoding"
             )
             raise ImportFileError(Place(file, line), reason, remedy) from None
         text, encoding = content.decode("latin-1"), "latin-1"
@@ -255,11 +256,11 @@ def _find_delimiter(file: str, lines: Sequence[_Line]) -> Delimiter:
             return mark
     if 2 * sum("," in text for text in last) <= len(last) and "," not in lines[0][1]:
         return "whitespace"
-    rows = _rows_split_by(file, lines, "comma")
+    rows = _split_into_equal_rows(file, lines, "comma")
     comma = bool(rows) and not any(
         _NUMBERS_IN_A_CELL.search(cell) for row in rows[1:] or rows for cell in row
     )
-    rows = _rows_split_by(file, lines, "whitespace")
+    rows = _split_into_equal_rows(file, lines, "whitespace")
     whitespace = bool(rows) and not any(_COMMA_NOT_IN_A_NUMBER.search(c) for row in rows for c in row)
     if comma and whitespace:
         raise ImportFileError(
@@ -271,10 +272,10 @@ def _find_delimiter(file: str, lines: Sequence[_Line]) -> Delimiter:
     return "whitespace" if whitespace else "comma"
 
 
-def _rows_split_by(file: str, lines: Sequence[_Line], delimiter: Delimiter) -> list[tuple[str, ...]]:
-    """Split lines by a delimiter; return the rows below the titles if all have the same length, else [].
+def _split_into_equal_rows(file: str, lines: Sequence[_Line], delimiter: Delimiter) -> list[tuple[str, ...]]:
+    """Split lines at a delimiter; return the rows of cells below the titles, or [] if their lengths differ.
 
-    The length must be two cells at least, and there may be up to 20 lines of titles.
+    Each row must have two cells at least; up to 20 lines of titles may come before the rows.
     """
     try:
         rows = [row.cells for row in _split_lines(file, lines, delimiter)]
@@ -356,10 +357,10 @@ def count_numbers(row: Row) -> int:
 def decide_decimal_mark(
     grid: Grid, rows: Iterable[Row], columns: Collection[int], given: DecimalMark | None
 ) -> tuple[DecimalMark, str | None]:
-    """Return the decimal mark of a file, and a note for the user on what was assumed, or None.
+    """Return the decimal mark of a file, and a note for the user if the mark was assumed, else None.
 
-    `1,234` alone may be 1.234 or 1234. It is 1.234 if another number of the file has a comma that cannot
-    separate thousands, such as `12,5` or `0,125`. Numbers in sheets have a point.
+    `1,234` alone may be 1.234 or 1234. It is read as 1.234 if another number of the file has a comma that
+    cannot separate thousands, such as `12,5` or `0,125`. Numbers in sheets have a point.
 
     Raises:
         ImportFileError: the file has decimal points and decimal commas, or the mark is ambiguous.
@@ -390,7 +391,7 @@ def decide_decimal_mark(
 
 
 def read_number(text: str, mark: DecimalMark) -> float:
-    """Return the number in a cell: digits, at most one decimal mark, an exponent, nothing else.
+    """Return the number that a cell holds: digits, with at most one decimal mark and an exponent.
 
     Raises:
         ImportFileError: the cell is empty, not a number with this decimal mark, or too large.

@@ -1,4 +1,4 @@
-"""The header of a table: where it is, and what its columns mean together, in one unit each."""
+"""The header of a table: its place, and the meanings of the columns, each quantity in one unit."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def find_heading(grid: Grid, words: Vocabulary, options: ImportOptions) -> Headi
 def _find_header_in_comments(grid: Grid, words: Vocabulary, width: int) -> Heading | None:
     """Find the header in the last comment before the data that can be split into `width` known headers.
 
-    Return None if no comment can.
+    Return None if no comment can be split in this way.
 
     Raises:
         ImportFileError: a later comment looks like a header, but is not understood.
@@ -126,7 +126,7 @@ def _find_header_in_comments(grid: Grid, words: Vocabulary, width: int) -> Headi
 def _looks_like_header(comment: Remark, width: int, *, last: bool, cells: int) -> bool:
     """Return whether a comment may be a header that is not understood.
 
-    That is so if it names axes in another order than x, y, z, or about one word for each column.
+    Such a comment names axes in another order than x, y, z, or has about one word for each column.
 
     Args:
         comment: comment above the data.
@@ -170,7 +170,7 @@ def _assume_columns(grid: Grid, width: int, *, by_order: bool) -> Heading:
 
 
 def _find_header_in_rows(grid: Grid, words: Vocabulary) -> Heading:
-    """Find the header in the first rows: the first rows that are understood in full, else the best ones.
+    """Return the header in the first rows: rows whose cells are all known headers, else the rows with most.
 
     Raises:
         ImportFileError: no row of data follows, or a row above the header looks like data.
@@ -201,7 +201,7 @@ def _find_header_in_rows(grid: Grid, words: Vocabulary) -> Heading:
 def _yield_candidates(grid: Grid, words: Vocabulary) -> Iterator[tuple[int, int, tuple[str, ...]]]:
     """Yield the possible headers: index of the first row, number of rows, and text of each column.
 
-    Of the headers that begin in the same row, those of more rows come first.
+    Of the headers that begin in the same row, those with more rows come first.
     """
     rows = grid.rows[: _MAX_TITLES + _MAX_ROWS + 1]
     for start in range(min(_MAX_TITLES + 1, len(rows))):
@@ -317,7 +317,7 @@ class Columns:
 
     @property
     def whole(self) -> bool:
-        """Return whether each row is a whole observation."""
+        """Return whether each row holds a whole observation, with all targets and states."""
         return not self.needed and not {"target", "state"} & self.texts.keys()
 
 
@@ -333,7 +333,7 @@ class ColumnReader:
         self._notes: list[str] = []
 
     def understand(self, axes_unit: str | None, *, state_in_name: bool) -> Columns:
-        """Return the columns with their meanings; a header that is not understood means `unknown`.
+        """Return the columns with their meanings, `unknown` for a header that is not understood.
 
         Args:
             axes_unit: unit of x, y and z that a comment of the file states; None without such a comment.
@@ -394,7 +394,7 @@ class ColumnReader:
         return columns
 
     def _understand_headers(self, rotation: Sequence[int]) -> list[Meaning]:
-        """Return the meaning of each column; a header that is not understood or repeats one is a fault.
+        """Return the meaning of each column; report a header that is unknown or has the meaning of another.
 
         `rotation` has the indices of the columns of a quaternion, which are ignored like empty columns.
         """
@@ -432,10 +432,10 @@ class ColumnReader:
             self._faults.add(fault)
 
     def _recognise_states(self, meanings: list[Meaning]) -> list[Meaning]:
-        """Recognise states in the names of targets if each name occurs with two words, as in `P10 0 x`.
+        """Return the meanings with states from the names of targets, as in `P10 0 x` and `P10 1 x`.
 
-        The words 0 and 1 are read as `unloaded` and `loaded`; the meanings with these states are returned.
-        Two other words are a fault, whose remedy is the option `state_words`.
+        Each name must occur with the same two words. The words 0 and 1 mean `unloaded` and `loaded`. Two
+        other words are reported as a fault, whose remedy is the option `state_words`.
         """
         points = {column: one.quantity for column, one in enumerate(meanings) if one.kind in POINTS}
         if any(quantity.target is None or quantity.state for quantity in points.values()):
@@ -470,7 +470,7 @@ class ColumnReader:
         return meanings
 
     def _group_by_quantity(self, meanings: Sequence[Meaning]) -> dict[Quantity, tuple[int, ...]]:
-        """Return the columns of each quantity, in the order of joints or axes.
+        """Return the indices of the columns of each quantity, in the order of joints or axes.
 
         A missing joint or axis, and axes in upper and lower case, are reported as faults.
         """
@@ -507,14 +507,15 @@ class ColumnReader:
         place, report = self._heading.place(), self._faults.report
         if "name" not in texts and not self._options.by_order:
             remedy = (
-                "add a column with the header label or name; or `by_order`, to number the rows of each file"
+                'add a column with the header "label" or "name", or use `by_order` to number the rows of '
+                "each file"
             )
             report(place, "no column names the observations or points", remedy, "by_order")
         if not quantities:
             report(place, "no column with numbers is recognised", "check the header")
         hung, force = quantities.get(Quantity("mass")), quantities.get(Quantity("force"))
         if hung:
-            self._notes.append("the weight of a mass, 9.80665 N a kilogram, pulls along −z of R0")
+            self._notes.append("the weight of each mass, 9.80665 N per kilogram, pulls along −z of R0")
             if force:
                 header = quote(self._headers[hung[0]])
                 reason = f"{header} states the load, but columns of forces state the load, too"
@@ -547,7 +548,7 @@ class ColumnReader:
         """
         resolved = list(meanings)
         for dimension in dict.fromkeys(each.dimension for each in meanings if each.dimension):
-            of_dimension = Faults(1)  # the first fault is enough: others would say the same
+            of_dimension = Faults(1)  # One fault is enough, because others would say the same.
             # A hung mass is always in kg, so that its unit may differ from that of forces.
             chosen = [each.dimension == dimension and each.kind != "mass" for each in meanings]
             columns = [index for index, is_chosen in enumerate(chosen) if is_chosen]
@@ -576,9 +577,9 @@ class ColumnReader:
         return resolved
 
     def _decide_unit(self, meaning: Meaning, of_axes: str | None) -> str | None:
-        """Return the unit of a column: by its header, else by the file's comment, else by the caller.
+        """Return the unit of a column, as stated by its header, else a comment, else the option `units`.
 
-        Return None if none of these states a unit.
+        Return None if no source states a unit. `of_axes` is the unit of x, y and z in a comment.
 
         Raises:
             ImportFileError: two of these sources state different units.
@@ -595,7 +596,7 @@ class ColumnReader:
         return unit
 
     def _report_missing_unit(self, dimension: Dimension, meaning: Meaning, columns: Sequence[int]) -> None:
-        """Report that columns of a dimension have no unit; `meaning` is that of the first of them."""
+        """Report that columns of a dimension have no unit; `meaning` is the meaning of the first column."""
         header, others = self._headers[columns[0]], len(columns) - 1
         more = f", nor {'has 1 other' if others == 1 else f'have {others} others'}" if others else ""
         example = f"{header or meaning} [{_EXAMPLES[dimension]}]"

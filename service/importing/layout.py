@@ -34,7 +34,7 @@ class Layout:
     rows: tuple[Row, ...]  # rows of data, as long as the header
     mark: DecimalMark | None  # None if it is not clear
     frame: str | None = None  # frame of positions, as a comment of the file names it
-    doubt: str | None = None  # value to be confirmed, in words
+    unsure_number: str | None = None  # words for a number that may lack digits, for the user to confirm
 
 
 def understand_table(grid: Grid, options: ImportOptions, faults: Faults) -> Layout:
@@ -56,7 +56,7 @@ def understand_table(grid: Grid, options: ImportOptions, faults: Faults) -> Layo
     in_name = grammar.contains_state_word(grid.stem, options.state_words)
     columns = ColumnReader(heading, rows, words, options, faults).understand(unit, state_in_name=in_name)
     _check_units(grid.file, remarks, columns, faults)
-    doubt = _check_cut_off(grid, rows, faults)
+    unsure_number = _check_end_of_file(grid, rows, faults)
     notes = [*grid.preview.assumptions, *heading.notes, *columns.notes]
     numbered = options.by_order and "name" not in columns.texts
     if numbered:
@@ -84,11 +84,11 @@ def understand_table(grid: Grid, options: ImportOptions, faults: Faults) -> Layo
         "header_lines": list(heading.lines),
         "first_lines": [row.line for row in rows[:MAX_PREVIEW_ROWS]],
     }
-    return Layout(grid, grid.preview.model_copy(update=preview), columns, rows, mark, frame, doubt)
+    return Layout(grid, grid.preview.model_copy(update=preview), columns, rows, mark, frame, unsure_number)
 
 
 def _describe_columns(headers: Sequence[str], columns: Columns) -> list[ColumnMeaning]:
-    """Return a description of each column for the preview: header, meaning and unit."""
+    """Return a description of each column for the preview, with header, meaning and unit."""
     return [
         ColumnMeaning(
             column=column,
@@ -102,7 +102,10 @@ def _describe_columns(headers: Sequence[str], columns: Columns) -> list[ColumnMe
 
 
 def _check_template(options: ImportOptions, headers: Sequence[str], place: Place, faults: Faults) -> None:
-    """Report a fault if the headers differ from those of all files of the import template."""
+    """Report a fault if the headers are not those of any file of the import template.
+
+    The fault lists how they differ from the template file that has most of these headers.
+    """
     texts = [collapse_blanks(text) for text in headers]
     known = [[collapse_blanks(text) for text in layout] for layout in options.layouts]
     if texts in known:
@@ -113,7 +116,7 @@ def _check_template(options: ImportOptions, headers: Sequence[str], place: Place
         "not in the template": [text for text in texts if text not in nearest],
     }
     named = [f"{what}: {quote(', '.join(found))}" for what, found in differences.items() if found]
-    reason = "; ".join(named) or "the same columns in another order or number"
+    reason = "; ".join(named) or "the columns have another order or number"
     remedy = "import it without the template (`layouts`), or correct it"
     faults.report(place, f"the file does not fit the template; {reason}", remedy)
 
@@ -138,7 +141,7 @@ _UNIT: Final = re.compile(
 
 
 def _titles_above(grid: Grid, heading: Heading) -> list[Remark]:
-    """Return the rows above the header as remarks: the cells `Frame;A::R0` as `Frame: A::R0`."""
+    """Return the rows above the header as remarks; a row `Frame;A::R0` gives the text `Frame: A::R0`."""
     titles = []
     for row in grid.rows[: max(0, heading.start - len(heading.lines))]:
         first, *others = [cell for cell in row.cells if cell]
@@ -147,10 +150,10 @@ def _titles_above(grid: Grid, heading: Heading) -> list[Remark]:
 
 
 def _read_remarks(file: str, remarks: Sequence[Remark]) -> tuple[str | None, str | None]:
-    """Find the unit of x, y and z, and the name of the positions' frame, in titles and comments of a file.
+    """Return the unit of x, y and z, and the name of the positions' frame, from a file's titles and comments.
 
-    Examples are `AXES = CARTESIAN: X, Y, Z (mm)`, `… Coordinate Frame 'A::R0'` and `Frame: A`. What no remark
-    states is None.
+    Examples are `AXES = CARTESIAN: X, Y, Z (mm)`, `… Coordinate Frame 'A::R0'` and `Frame: A`. Unit or frame
+    is None if no remark states it.
 
     Raises:
         ImportFileError: coordinates are not Cartesian, the unit is unknown, or two frames are named.
@@ -201,9 +204,10 @@ def _check_units(file: str, remarks: Sequence[Remark], columns: Columns, faults:
 
 
 def _fit_lengths(grid: Grid, heading: Heading, faults: Faults) -> tuple[Heading, tuple[Row, ...]]:
-    """Return the heading and the rows of data, all of one length; rows of another length are faults.
+    """Return the heading, and the rows of data that have as many cells as the heading has columns.
 
-    Columns at the end are left out if their headers and all of their cells are empty.
+    Columns at the end are left out if their headers and all of their cells are empty. Rows of another length
+    are reported as faults.
     """
     rows, texts, notes = grid.rows[heading.start :], heading.texts, heading.notes
     lengths = {len(row.cells) for row in rows}
@@ -237,19 +241,19 @@ def _fit_lengths(grid: Grid, heading: Heading, faults: Faults) -> tuple[Heading,
 
 
 def _cut_row(row: Row, width: int) -> Row:
-    """Return the first cells of a row."""
+    """Return a row cut to its first `width` cells."""
     if len(row.cells) == width:
         return row
     return Row(row.line, row.cells[:width], None if row.kinds is None else row.kinds[:width])
 
 
-def _check_cut_off(grid: Grid, rows: Sequence[Row], faults: Faults) -> str | None:
-    """Report a fault if the end of a file seems to be cut off.
+def _check_end_of_file(grid: Grid, rows: Sequence[Row], faults: Faults) -> str | None:
+    """Report a fault if the end of a file seems to be missing.
 
-    That is so if the last line has no line break and its last cell is shorter than the cells above.
+    A file seems incomplete if its last line has no line break and its last cell is shorter than those above.
 
     Returns:
-        Words for the last number if it may be cut off, for the user to confirm; None without a doubt.
+        Words that name the last number, for the user to confirm, if digits may be missing; else None.
     """
     if grid.ended or len(rows) < 2:
         return None
@@ -263,19 +267,22 @@ def _check_cut_off(grid: Grid, rows: Sequence[Row], faults: Faults) -> str | Non
     is_beginning = any(cell.startswith(last) and (number or narrower) for cell in others if cell != last)
     lacks_decimals = number and narrower and length == 0 < min(lengths)  # 22 below 836.13 and 63.6
     if shorter or is_beginning or lacks_decimals:
-        reason = f"its last line has no end, and {quote(last)} is shorter than the cells above"
+        reason = f"its last line has no line break, and {quote(last)} is shorter than the cells above"
         remedy = "export or copy the file again; if it is complete, end its last line"
         faults.report(place, f"the file is cut off: {reason}", remedy)
     complete = last in others or 0 < length == max(lengths) or length >= _FINE
-    return f"the last number {last} ({place}), whose line has no end" if number and not complete else None
+    return (
+        f"the last number {last} ({place}), whose line has no line break" if number and not complete else None
+    )
 
 
 def _drop_deleted_rows(
     grid: Grid, rows: tuple[Row, ...], columns: Columns, faults: Faults, *, numbered: bool
 ) -> tuple[Row, ...]:
-    """Return the rows that are not marked as deleted in the column `deleted`, if there is such a column.
+    """Return the rows that the column `deleted` does not mark as deleted; all rows without this column.
 
-    With rows that are `numbered` for lack of labels, a deleted row is a fault: the numbers are not certain.
+    If rows are `numbered` because they have no labels, a deleted row is a fault: the numbers of the rows
+    behind it are not certain.
     """
     index = columns.texts.get("deleted")
     if index is None:
@@ -292,7 +299,7 @@ def _drop_deleted_rows(
     if not kept:
         faults.report(Place(grid.file), "all rows are marked as deleted", "check the file")
     if numbered and len(kept) < len(rows):
-        reason = "rows are marked as deleted, so that the numbers of the others are not sure"
-        remedy = "give every row a label, or delete them from all files"
+        reason = "rows are marked as deleted, so that the numbers of the other rows are uncertain"
+        remedy = "give every row a label, or delete these rows from all files"
         faults.report(Place(grid.file), reason, remedy, "by_order")
     return tuple(kept)

@@ -36,7 +36,7 @@ def is_mass_table(grid: Grid) -> bool:
 
 
 def read_mass_table(grid: Grid, options: ImportOptions, faults: Faults) -> tuple[list[Body], FilePreview]:
-    """Return the bodies of a table of masses, and the preview of the file; faults of rows are collected.
+    """Return the bodies of a table of masses, and the preview of the file; add faults of rows to `faults`.
 
     Raises:
         ImportFileError: a header is not understood, has no known unit, or is missing.

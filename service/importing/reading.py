@@ -1,6 +1,6 @@
-"""Files to readings: the way through all of this package, to observations put together by their labels.
+"""Reading of files into observations, whose values are merged by label from all files.
 
-Nothing is read twice, nothing contradicts, nothing is lost.
+A value that occurs twice, contradicts another value or cannot be used is reported as a fault.
 """
 
 from __future__ import annotations
@@ -27,11 +27,23 @@ from jointstiff.schemas.robot import Body
 from jointstiff.service.importing import grid
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.excel import read_workbook
-from jointstiff.service.importing.grammar import POINTS, Quantity, along_axis, collapse_blanks, name_unit
+from jointstiff.service.importing.grammar import (
+    POINTS,
+    Quantity,
+    collapse_blanks,
+    name_unit,
+    split_along_target,
+)
 from jointstiff.service.importing.grid import Grid, file_type, read_text
 from jointstiff.service.importing.layout import Layout, understand_table
 from jointstiff.service.importing.masses import is_mass_table, read_mass_table
-from jointstiff.service.importing.rows import Gathered, Names, RowReader, Surroundings, Value
+from jointstiff.service.importing.rows import (
+    NameReader,
+    ObservationRecord,
+    RowReader,
+    TimesAndRoundings,
+    Value,
+)
 
 _NO_OPTIONS: Final = ImportOptions()
 _Uncertainty = Literal["coordinate", "point"]
@@ -63,24 +75,24 @@ class SourceFile:
 
 @dataclass(frozen=True)
 class Understood:
-    """Content of files as far as it was understood: faults, or all observations."""
+    """Content of files as far as it was understood: either faults, or all observations."""
 
     preview: ImportPreview
     faults: tuple[ImportFileError, ...]  # what was not understood; at most `MAX_FAULTS`
     # in order of appearance, checked against each other, with complete readings only, unless a state is
     # absent from all of them; none if there are faults
-    observations: tuple[Gathered, ...] = ()
+    observations: tuple[ObservationRecord, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)  # units by dimension, of all numbers that occur
-    surroundings: Surroundings = field(default_factory=Surroundings)  # when the points were read
+    surroundings: TimesAndRoundings = field(default_factory=TimesAndRoundings)  # when the points were read
     bodies: tuple[Body, ...] = ()  # of a table of masses; joints as they are named or numbered there
     unusual: tuple[str, ...] = ()  # values to be confirmed, such as those far from all others of their column
 
     @property
     def places(self) -> dict[str, str]:
-        """For each target that was read as a deflection, the name of its place in the flange frame."""
+        """Names of places in the flange frame, by the target that was read as a deflection at the place."""
         read = (quantity for observation in self.observations for quantity in observation.values)
         return {
-            target or "": along_axis(target or "")[0] if kind == "along" else target or ""
+            target or "": split_along_target(target or "")[0] if kind == "along" else target or ""
             for kind, target, state in read
             if state == "deflection"
         }
@@ -108,7 +120,7 @@ def _check_files(files: Sequence[SourceFile]) -> None:
         ImportFileError: a limit is exceeded, or a name occurs twice.
     """
     if not 0 < len(files) <= grid.MAX_FILES:
-        raise ImportFileError(NOWHERE, f"{len(files)} files", f"send 1 to {grid.MAX_FILES} files")
+        raise ImportFileError(NOWHERE, f"{len(files)} files were sent", f"send 1 to {grid.MAX_FILES} files")
     names: set[str] = set()
     total = lines = 0
     for file in files:
@@ -124,8 +136,11 @@ def _check_files(files: Sequence[SourceFile]) -> None:
         ends, pairs = (b"\n", b"\r"), (b"\r\n", b"\r\0\n")
         lines += sum(map(file.content.count, ends)) - sum(map(file.content.count, pairs))
         if lines > grid.MAX_LINES:
-            limit = f"the files have more than {grid.MAX_LINES} lines together, empty ones and comments too"
-            raise ImportFileError(place, limit, "remove those, or import fewer files at once")
+            count = f"{grid.MAX_LINES} lines together"
+            limit = f"the files have more than {count}, including empty lines and comments"
+            raise ImportFileError(
+                place, limit, "remove empty lines and comments, or import fewer files at once"
+            )
 
 
 class _Reader:
@@ -138,13 +153,13 @@ class _Reader:
         self._bodies: list[Body] = []
         self._notes: list[str] = []
         self._units: dict[str, str] = {}
-        self._surroundings = Surroundings()
+        self._surroundings = TimesAndRoundings()
 
     def read(self, files: Sequence[SourceFile]) -> Understood:
         """Read all files; return their observations, or their faults.
 
         Raises:
-            ImportFileError: the files cannot be read on, such as masses without readings.
+            ImportFileError: the files cannot be used together, such as masses without readings.
         """
         faults = self._faults
         for file in files:
@@ -153,20 +168,20 @@ class _Reader:
         if all(not layout.columns.faulty for layout in self._layouts) and len(self._previews) == len(files):
             if not self._layouts:
                 remedy = "import them together with the readings of the robot"
-                raise ImportFileError(NOWHERE, "the files have masses and no readings", remedy)
+                raise ImportFileError(NOWHERE, "the files contain masses, but no readings", remedy)
             self._check_options()
         readers = []
         for layout in self._layouts:
             if layout.mark is not None and not layout.columns.faulty:
                 with faults.collect():
-                    names = Names(layout, self._options, self._notes)
+                    names = NameReader(layout, self._options, self._notes)
                     readers.append(RowReader(layout, names, self._surroundings))
         records = (record for reader in readers for record in reader.read_records(faults))
         observations = _merge_by_label(records, faults)
         return self.build_answer() if faults.found else self._check_and_assemble(observations)
 
     def _read_table(self, table: Grid) -> None:
-        """Read the bodies of a table of masses, or understand the header of any other."""
+        """Read the bodies of a table of masses, or the header of any other table; store the result."""
         if is_mass_table(table):
             bodies, preview = read_mass_table(table, self._options, self._faults)
             self._bodies += bodies
@@ -176,10 +191,10 @@ class _Reader:
         self._previews.append(self._layouts[-1].preview)
         self._compare_with_others(self._layouts[-1])
 
-    def _check_and_assemble(self, observations: list[Gathered]) -> Understood:
+    def _check_and_assemble(self, observations: list[ObservationRecord]) -> Understood:
         """Check the observations of all files against each other; return them with the final preview.
 
-        If there are faults, only these and the previews of the files are returned.
+        If there are faults, only the faults and the previews of the files are returned.
         """
         faults, notes = self._faults, self._notes
         targets = _list_targets(observations)
@@ -188,7 +203,9 @@ class _Reader:
         states = [state for state in _STATES if state in present]
         read = states not in _HALVES
         if targets and read:
-            observations, lacking = _keep_complete(observations, targets, faults, self._options.allow_missing)
+            observations, lacking = _drop_incomplete_readings(
+                observations, targets, faults, self._options.allow_missing
+            )
             notes += lacking
         sigmas = _check_sigmas(observations, faults)
         for kind, count in sigmas.items():
@@ -198,7 +215,7 @@ class _Reader:
         notes += self._surroundings.notes
         held_out = [observation.label for observation in observations if observation.held_out]
         if held_out:
-            notes.append(f"held out from the fit, to judge it: {', '.join(held_out)}")
+            notes.append(f"observations held out from the fit, to check it: {', '.join(held_out)}")
         joints = observations[0].vector("joint") if observations else None
         preview = self.build_answer().preview.model_copy(
             update={
@@ -214,13 +231,13 @@ class _Reader:
             }
         )
         units = {kind: "mm" if unit == "in" else unit for kind, unit in self._units.items()}
-        doubts = [layout.doubt for layout in self._layouts if layout.doubt]
-        unusual = (*doubts, *_find_unusual_values(observations))
+        unsure = [layout.unsure_number for layout in self._layouts if layout.unsure_number]
+        unusual = (*unsure, *_find_unusual_values(observations))
         bodies = tuple(self._bodies)
         return Understood(preview, (), tuple(observations), units, self._surroundings, bodies, unusual)
 
     def _joint_kinds(self) -> list[JointKind]:
-        """Return the kinds of the joints, prismatic if the column's unit is a length; [] without joints."""
+        """Return the kind of each joint, prismatic if its column's unit is a length; [] without joints."""
         for columns in (layout.columns for layout in self._layouts):
             if indices := columns.quantities.get(Quantity("joint")):
                 dimensions = [columns.meanings[index].dimension for index in indices]
@@ -233,7 +250,7 @@ class _Reader:
         return Understood(preview, tuple(self._faults.found))
 
     def _add_fault_rows(self, preview: FilePreview) -> FilePreview:
-        """Return the preview of a file with the rows that have faults, if the preview lacks these rows."""
+        """Return the preview of a file with the cells and lines of those rows with faults that it lacks."""
         known = {*preview.header_lines, *preview.first_lines}
         places = (fault.place for fault in self._faults.found)
         lines = {place.line for place in places if place.file == preview.file} - known
@@ -243,7 +260,7 @@ class _Reader:
         return preview.model_copy(update={"fault_rows": cells, "fault_lines": [row.line for row in rows]})
 
     def _check_options(self) -> None:
-        """Report options on names and headers that no file needs or has."""
+        """Report options that no file needs, and options that name a header which no file has."""
         naming = [layout.columns for layout in self._layouts if layout.columns.needed]
         for option in ("point_name", "file_name"):
             text = getattr(self._options, option) or ""
@@ -281,7 +298,7 @@ class _Reader:
         if first.frame != layout.frame:
             frames = layout.frame or "not named", first.frame or "not named"
             reason = f"the frame is {frames[0]}, but {frames[1]} in other files"
-            remedy = "export all in one frame; add a line `# Frame: NAME` to a file that names none"
+            remedy = "export all files in one frame; add a line `# Frame: NAME` to a file that names no frame"
             self._faults.report(place, reason, remedy)
 
 
@@ -314,7 +331,7 @@ def _read_grid(file: SourceFile, options: ImportOptions) -> Grid:
     return read_text(file.name, file.content, options.delimiter)
 
 
-def delimiter_of(file: SourceFile) -> Delimiter | None:
+def detect_delimiter(file: SourceFile) -> Delimiter | None:
     """Return the delimiter of a text file; None for other files, and if the delimiter is not certain."""
     if file_type(file.content, file.name) is not None:
         return None
@@ -327,13 +344,13 @@ def delimiter_of(file: SourceFile) -> Delimiter | None:
 # ---- records of all files, put together by label
 
 
-def _merge_by_label(records: Iterable[Gathered], faults: Faults) -> list[Gathered]:
+def _merge_by_label(records: Iterable[ObservationRecord], faults: Faults) -> list[ObservationRecord]:
     """Merge the records of each label into one observation; repeated or contradictory values are faults.
 
     Raises:
         ImportFileError: there are too many observations.
     """
-    gathered: dict[str, Gathered] = {}
+    gathered: dict[str, ObservationRecord] = {}
     first_places: dict[tuple[str | None, str], Place] = {}  # of each label in each file
     for record in records:
         before = first_places.setdefault((record.place.file, record.label), record.place)
@@ -349,11 +366,11 @@ def _merge_by_label(records: Iterable[Gathered], faults: Faults) -> list[Gathere
 
 
 def _report_duplicate(what: str, place: Place, before: Place, faults: Faults) -> None:
-    """Report that something occurs twice: at a place, and at a place before."""
+    """Report that `what` occurs at a place, and occurred before at the place `before`."""
     faults.report(place, f"{what} occurs twice, first at {before}", "rename or remove one of them")
 
 
-def _merge_record(gathered: Gathered, record: Gathered, faults: Faults) -> None:
+def _merge_record(gathered: ObservationRecord, record: ObservationRecord, faults: Faults) -> None:
     """Add the values of a record to the observation with its label; values that differ are faults."""
     gathered.held_out |= record.held_out
     for quantity, value in record.values.items():
@@ -362,12 +379,12 @@ def _merge_record(gathered: Gathered, record: Gathered, faults: Faults) -> None:
             what = f"{quantity.target} {quantity.state} of {quote(record.label)}"
             _report_duplicate(what, value.place, before.place, faults)
         elif before.vector != value.vector:
-            reason = f"the {quantity.kind} of {quote(record.label)} differs from that at {before.place}"
+            reason = f"the {quantity.kind} of {quote(record.label)} differs from the value at {before.place}"
             remedy = "give each observation a unique label, or correct one of them"
             faults.report(record.place, reason, remedy)
 
 
-def _list_targets(observations: Iterable[Gathered]) -> list[str]:
+def _list_targets(observations: Iterable[ObservationRecord]) -> list[str]:
     """Return the names of all targets in the order of their first readings.
 
     Raises:
@@ -388,7 +405,7 @@ def _list_targets(observations: Iterable[Gathered]) -> list[str]:
     return list(targets)
 
 
-def _check_same_quantities(observations: list[Gathered], faults: Faults) -> None:
+def _check_same_quantities(observations: list[ObservationRecord], faults: Faults) -> None:
     """Report observations that lack joint angles, a force or another quantity which others have."""
     kinds = (
         quantity.kind
@@ -413,18 +430,18 @@ def _check_same_quantities(observations: list[Gathered], faults: Faults) -> None
                 faults.report(value.place, f"there are {counts}", "check the columns of joints")
 
 
-def _list_labels(observations: list[Gathered]) -> str:
+def _list_labels(observations: list[ObservationRecord]) -> str:
     """Return the first three labels of some observations in one text."""
     names = ", ".join(quote(observation.label) for observation in observations[:_LISTED])
     return names + ", …" * (len(observations) > _LISTED)
 
 
-def _keep_complete(
-    observations: list[Gathered], targets: list[str], faults: Faults, allow_missing: bool
-) -> tuple[list[Gathered], list[str]]:
-    """Return the observations with complete readings only, and a note on each reading that is left out.
+def _drop_incomplete_readings(
+    observations: list[ObservationRecord], targets: list[str], faults: Faults, allow_missing: bool
+) -> tuple[list[ObservationRecord], list[str]]:
+    """Return the observations without their incomplete readings, and a note on each reading that is left out.
 
-    Unless `allow_missing` is set, each reading that is left out is a fault.
+    Unless `allow_missing` is set, each reading that is left out is also reported as a fault.
     """
     kept, notes = [], []
     gauges = {
@@ -449,7 +466,7 @@ def _keep_complete(
             notes.append(f"{observation.label}: no reading is complete; the observation was skipped")
     if not allow_missing:
         remedy = "add the reading, check the spelling of names, or use `allow_missing`"
-        # Readings that are there in part come first: they show better what is wrong.
+        # Readings with some of their values come first, because they show better what is wrong.
         for _, place, reason in sorted(lacks, key=lambda entry: entry[0]):
             faults.report(place, reason, remedy, "allow_missing")
     if not kept:
@@ -457,8 +474,8 @@ def _keep_complete(
     return kept, [*(f"{reason}; skipped" for _, _, reason in lacks), *notes]
 
 
-def _describe_gap(observation: Gathered, target: str, states: dict[State, Value]) -> str | None:
-    """Return in words what the reading of a target lacks; None if it is complete.
+def _describe_gap(observation: ObservationRecord, target: str, states: dict[State, Value]) -> str | None:
+    """Return in words what the reading of a target lacks; None if the reading is complete.
 
     Raises:
         ImportFileError: the target has both positions and a deflection.
@@ -477,10 +494,10 @@ def _describe_gap(observation: Gathered, target: str, states: dict[State, Value]
     return f"target {target} was read only {' and '.join(sorted(present))}"
 
 
-def _check_sigmas(observations: list[Gathered], faults: Faults) -> dict[_Uncertainty, int]:
-    """Return the number of points with an uncertainty of each coordinate, and with one of the whole point.
+def _check_sigmas(observations: list[ObservationRecord], faults: Faults) -> dict[_Uncertainty, int]:
+    """Return the number of points with an uncertainty of each `coordinate`, and of the whole `point`.
 
-    If some positions have an uncertainty and others have none, that is a fault.
+    A fault is reported if some positions have an uncertainty and others have none.
     """
     counts: dict[_Uncertainty, int] = {}
     without: list[Place] = []
@@ -493,13 +510,13 @@ def _check_sigmas(observations: list[Gathered], faults: Faults) -> dict[_Uncerta
         elif value.vector is not None and quantity.kind == "position":
             without.append(value.place)
     if counts and without:
-        reason = "the point has no uncertainty, but others have"
+        reason = "the point has no uncertainty, but other points have one"
         faults.report(without[0], reason, "add it, or skip the columns of U(95) with `ignore`")
     return dict(sorted(counts.items()))
 
 
-def _find_unusual_values(observations: list[Gathered]) -> Iterator[str]:
-    """Yield words for each value that is more than 100 spreads away from its column's median.
+def _find_unusual_values(observations: list[ObservationRecord]) -> Iterator[str]:
+    """Yield a sentence for each value that is more than 100 spreads away from its column's median.
 
     The spread is the standard deviation of the nine tenths of the values that are nearest to the median, or
     the size of the median if these values are all equal.
@@ -522,4 +539,5 @@ def _find_unusual_values(observations: list[Gathered]) -> Iterator[str]:
         for number, place in ordered[len(near) :]:
             times = abs(number - middle) / spread if spread else 0.0
             if times > 0.99 * _FAR:
-                yield f"{name} {number:g} ({place}) is {times:.0f} times the spread of the others away"
+                distance = f"{times:.0f} times the spread of the other values away from the median"
+                yield f"{name} {number:g} ({place}) is {distance}"

@@ -39,7 +39,7 @@ _CLEAR: Final = 4
 _COVERAGE_FACTOR: Final = 1.96
 """Coverage factor of the expanded uncertainties U(95) that trackers write."""
 _LEAST: Final = 5e-4
-"""Greatest expanded uncertainty that is rounded to 0, in mm: trackers write whole micrometres."""
+"""Greatest expanded uncertainty [mm] that is written as 0: trackers round to whole micrometres."""
 _GERMAN: Final = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})[ T,]+(.*)")
 """A date by day, month and year, and a time of day."""
 _UNCERTAINTIES: Final[tuple[Kind, ...]] = ("uncertainty", "point uncertainty")
@@ -48,15 +48,15 @@ _UNCERTAINTIES: Final[tuple[Kind, ...]] = ("uncertainty", "point uncertainty")
 # ---- names
 
 
-class Naming(NamedTuple):
+class NameParts(NamedTuple):
     """Parts of a name; None where the name has no such part."""
 
     label: str | None = None
     target: str | None = None
     state: State | None = None
 
-    def merge(self, other: Naming) -> Naming:
-        """Return the parts that this name or the other one has.
+    def merge(self, other: NameParts) -> NameParts:
+        """Return the parts that this name and another name have together.
 
         Raises:
             ImportFileError: the names contradict each other.
@@ -66,7 +66,7 @@ class Naming(NamedTuple):
                 reason = f"the {kind} is {quote(own)} in one name and {quote(others)} in another"
                 remedy = "correct the name of the point or of the file, or `point_name` or `file_name`"
                 raise ImportFileError(NOWHERE, reason, remedy)
-        return Naming(self.label or other.label, self.target or other.target, self.state or other.state)
+        return NameParts(self.label or other.label, self.target or other.target, self.state or other.state)
 
 
 class Template:
@@ -91,7 +91,7 @@ class Template:
         part = f"([^{re.escape(excluded)}]+)" if excluded else "(.+)"
         self._pattern = re.compile(part.join(re.escape(literal) for literal in literals), re.DOTALL)
 
-    def parse(self, name: str, state_words: Mapping[str, State]) -> Naming:
+    def parse(self, name: str, state_words: Mapping[str, State]) -> NameParts:
         """Return the label, target and state in a name; `state_words` are the caller's words for states.
 
         Raises:
@@ -106,7 +106,7 @@ class Template:
             words = "states are `unloaded`, `loaded`, `deflection`, and the words in `state_words`"
             remedy = f"change `{self.option}` or rename the {what}; {words}"
             raise ImportFileError(NOWHERE, reason, remedy, self.option)
-        return Naming(parts.get("label"), parts.get("target"), state)
+        return NameParts(parts.get("label"), parts.get("target"), state)
 
 
 def check_name(text: str) -> None:
@@ -120,7 +120,7 @@ def check_name(text: str) -> None:
         raise ImportFileError(NOWHERE, f"{quote(text)} is not a valid name", remedy)
 
 
-class Names:
+class NameReader:
     """Reader of label, target and state of each row: from columns, the point's name, the file's name."""
 
     def __init__(self, layout: Layout, options: ImportOptions, notes: list[str]) -> None:
@@ -128,10 +128,12 @@ class Names:
         self._grid, self._notes, self._words = layout.grid, notes, options.state_words
         self._stated = options.state
         self._texts, self._needed = dict(layout.columns.texts), set(layout.columns.needed)
-        self._by_file: dict[frozenset[str], Naming] = {}  # parts from the file's name, by the missing kinds
+        self._by_file: dict[
+            frozenset[str], NameParts
+        ] = {}  # parts from the file's name, by the missing kinds
         self._file_says_state = contains_state_word(self._grid.stem, self._words)
         self._point: Template | None = None
-        self._file = Naming()
+        self._file = NameParts()
         try:
             if self._needed and options.point_name:
                 self._point = Template("point_name", options.point_name)
@@ -162,26 +164,28 @@ class Names:
             self._texts["target"] = column
             self._needed.remove("target")
 
-    def name_row(self, row: Row) -> Naming:
-        """Return label, target and state of a row; the label is None if the table has no column of names.
+    def name_row(self, row: Row) -> NameParts:
+        """Return label, target and state of a row, from its columns, the point's name and the file's name.
+
+        The label is None if the table has no column of names.
 
         Raises:
             ImportFileError: a part is missing, unclear or contradictory.
         """
         named = "name" in self._texts
         try:
-            naming = self._naming_from_columns(row).merge(self._split_point_name(row)).merge(self._file)
+            naming = self._names_from_columns(row).merge(self._split_point_name(row)).merge(self._file)
             wanted = (*(("label",) if named else ()), *self._needed)
             lacking = frozenset(kind for kind in wanted if getattr(naming, kind) is None)
             if lacking:
-                naming = naming.merge(self._naming_from_file(lacking))
+                naming = naming.merge(self._names_from_file(lacking))
             if named:
                 check_name(naming.label or "")
         except ImportFileError as fault:
             raise fault.add_place(self._grid.place(row, self._texts.get("name"))) from None
         return naming
 
-    def _split_point_name(self, row: Row) -> Naming:
+    def _split_point_name(self, row: Row) -> NameParts:
         """Split the name of a point, after its collection and group if the table has these columns.
 
         Without a template, the name is split at `::`, else at `_`; the label comes before the target.
@@ -194,11 +198,11 @@ class Names:
         if len(parts) > 1 and any("::" in part for part in parts):
             raise ImportFileError(NOWHERE, f"the name {quote(name)} contains ::", "rename it")
         if "name" not in self._texts:
-            return Naming()
+            return NameParts()
         if self._point is not None:
             return self._point.parse(name, self._words)
         if not self._needed:
-            return Naming(label=name)
+            return NameParts(label=name)
         most = 2 if "target" in self._needed else 1
         # The digits 0 and 1 are tried as states only if the name of the file does not give the state.
         for words in (self._words, {**DIGITS, **self._words})[: 1 + (not self._file_says_state)]:
@@ -206,12 +210,12 @@ class Names:
             if 1 <= len(parts) <= most and (state is None or "state" in self._needed):
                 if words is not self._words:
                     self._note_once("0 and 1 in names were read as `unloaded` and `loaded`")
-                return Naming(parts[0], parts[1] if len(parts) > 1 else None, state)
+                return NameParts(parts[0], parts[1] if len(parts) > 1 else None, state)
         reason = f"the name {quote(name)} does not show which observation, target and state it is"
         remedy = "give a template `point_name`, such as {label}_{target}_{state}"
         raise ImportFileError(NOWHERE, reason, remedy, "point_name")
 
-    def _naming_from_file(self, lacking: frozenset[str]) -> Naming:
+    def _names_from_file(self, lacking: frozenset[str]) -> NameParts:
         """Return target and state of all points of a file from its name: `P10_loaded`, `loaded` or `P10`.
 
         If the name has no state, the option `state` gives it. `lacking` are the kinds that are needed.
@@ -225,7 +229,8 @@ class Names:
             if state is None and "state" in lacking and self._stated is not None:
                 parts = [self._grid.stem] if "target" in lacking else []
                 state, source = self._stated, "by `state`" + " and the name of the file" * bool(parts)
-            naming = Naming(None, parts[0] if len(parts) == 1 else None, state)
+            target = parts[0] if len(parts) == 1 else None
+            naming = NameParts(None, target, state)
             if len(parts) > 1 or any(getattr(naming, kind) is None for kind in lacking):
                 listed = " and the ".join(sorted(lacking, reverse=True))
                 option, state_it = (
@@ -248,15 +253,15 @@ class Names:
         if note not in self._notes:
             self._notes.append(note)
 
-    def _naming_from_columns(self, row: Row) -> Naming:
-        """Return the target and the state that the row's own columns state.
+    def _names_from_columns(self, row: Row) -> NameParts:
+        """Return target and state from the columns `target` and `state` of a row; None without the column.
 
         Raises:
             ImportFileError: a word is no known state.
         """
         target = self._read_text(row, "target") if "target" in self._texts else None
         if "state" not in self._texts:
-            return Naming(None, target)
+            return NameParts(None, target)
         word = self._read_text(row, "state")
         state = find_state(word, {**DIGITS, **self._words})
         if state is None:
@@ -264,7 +269,7 @@ class Names:
             remedy = "use `unloaded`, `loaded` or `deflection`, or give `state_words`"
             reason = f"{quote(word)} is not a known state"
             raise ImportFileError(place, reason, remedy, "state_words", (word,))
-        return Naming(None, target, state)
+        return NameParts(None, target, state)
 
     def _read_text(self, row: Row, kind: Kind) -> str:
         """Return the text of a row's column of some kind.
@@ -283,9 +288,9 @@ class Names:
 
 
 def _split_name(name: str, words: Mapping[str, State]) -> tuple[list[str], State | None]:
-    """Split a name at `::` or `_`; return its parts, and the state that one part names.
+    """Split a name at `::` or `_`; return the parts that name no state, and the state that one part names.
 
-    The part that names a state is left out. Without such a part, or with several, the state is None. In
+    The state is None, and all parts are returned, if no part or several parts name a state. In
     `c01 unloaded::P10` the state is the last word of a part.
     """
     parts = name.split("::") if "::" in name else name.split("_")
@@ -322,23 +327,23 @@ class Value:
 
 
 @dataclass(slots=True)
-class Gathered:
-    """Values of one observation: those of a row, then of all rows with its label."""
+class ObservationRecord:
+    """Values of one observation: first those of one row, later those of all rows with the same label."""
 
     label: str  # its label
     place: Place  # where it is first mentioned
     whole: bool = False  # whether the row claims to be the only one of its observation in this file
-    held_out: bool = False  # whether a column says that it is held out from the fit
-    values: dict[Quantity, Value] = field(default_factory=dict)  # all of them; of positions, with their state
+    held_out: bool = False  # whether the column `validation` holds the observation out from the fit
+    values: dict[Quantity, Value] = field(default_factory=dict)  # values by quantity; positions have a state
 
     def vector(self, kind: Kind) -> Vector | None:
-        """Return the numbers of a kind without a target, such as joint angles or force; None without them."""
+        """Return the numbers of a kind that has no target, such as joint angles; None if the row has none."""
         value = self.values.get(Quantity(kind))
         return None if value is None else value.vector
 
     @property
     def points(self) -> dict[str, dict[State, Value]]:
-        """Positions, deflections and readings along an axis, by target and by state."""
+        """Values of positions, deflections and readings along an axis, by target, then by state."""
         points: dict[str, dict[State, Value]] = {}
         for quantity, value in self.values.items():
             if quantity.target is not None and quantity.state is not None:
@@ -347,11 +352,11 @@ class Gathered:
 
 
 @dataclass
-class Surroundings:
+class TimesAndRoundings:
     """Times at which the points of all files were read, and the count of uncertainties rounded to 0."""
 
     times: list[datetime] = field(default_factory=list)
-    unclear: list[str] = field(default_factory=list)  # texts that are no times for certain
+    unclear: list[str] = field(default_factory=list)  # texts that could not be read as times
     rounded: int = 0  # expanded uncertainties of 0
 
     def add_time(self, cells: list[str]) -> None:
@@ -375,7 +380,7 @@ class Surroundings:
 
     @property
     def measured_at(self) -> datetime | None:
-        """Time of the first reading; None without times, or if one of the times is not understood."""
+        """Time of the first reading; None if no time is known, or if a time was not understood."""
         return None if self.unclear else min(self.times, default=None)
 
     @property
@@ -384,19 +389,21 @@ class Surroundings:
         notes = []
         if self.measured_at is not None:
             time = self.measured_at.isoformat(" ", "seconds")
-            notes.append(f"time of the measurement, of the first reading, UTC if it names no zone: {time}")
+            notes.append(f"time of the first reading, in UTC if the file names no time zone: {time}")
         if self.unclear:
             example = f"such as {quote(self.unclear[0])} ({len(self.unclear)} rows)"
             notes.append(f"times were not understood and not used, {example}: give them with `measured_at`")
         if self.rounded:
-            notes.append(f"U(95) of 0 is rounded to 1 µm, and was read as 0.5 µm ({self.rounded} cells)")
+            notes.append(
+                f"an uncertainty U(95) of 0, rounded to 1 µm, was read as 0.5 µm ({self.rounded} cells)"
+            )
         return notes
 
 
 class RowReader:
     """Reader of the rows of a file, by the meanings of its columns."""
 
-    def __init__(self, layout: Layout, names: Names, surroundings: Surroundings) -> None:
+    def __init__(self, layout: Layout, names: NameReader, surroundings: TimesAndRoundings) -> None:
         self._layout, self._names, self._surroundings = layout, names, surroundings
         self._grid, self._columns = layout.grid, layout.columns
         self._mark = layout.mark or "point"
@@ -405,12 +412,12 @@ class RowReader:
         self._least = _LEAST / 1e3 if unit == "m" else _LEAST
         self._targets: set[str] = set()
 
-    def read_records(self, faults: Faults) -> Iterator[Gathered]:
+    def read_records(self, faults: Faults) -> Iterator[ObservationRecord]:
         """Yield the values of each row; unclear names and cells that do not fit their columns are faults.
 
         Names that are unclear for the same reason are reported as one fault.
         """
-        unnamed: dict[str, ImportFileError] = {}  # the first of each remedy
+        unnamed: dict[str, ImportFileError] = {}  # first fault with each remedy
         count: Counter[str] = Counter()
         times = [i for i, meaning in enumerate(self._columns.meanings) if meaning.kind == "time"]
         for number, row in enumerate(self._layout.rows, start=1):
@@ -430,10 +437,10 @@ class RowReader:
                 first.reason += f", and {count[remedy] - 1} other names are not clear either"
             faults.add(first)
 
-    def _read_record(self, row: Row, naming: Naming, label: str, faults: Faults) -> Gathered:
-        """Return the values of one row, under a label; all faults in its cells are reported."""
+    def _read_record(self, row: Row, naming: NameParts, label: str, faults: Faults) -> ObservationRecord:
+        """Return the values of one row as a record with a label; report all faults in the row's cells."""
         whole = self._columns.whole and naming.label is not None
-        record = Gathered(label, self._grid.place(row), whole)
+        record = ObservationRecord(label, self._grid.place(row), whole)
         for quantity, indices in self._columns.quantities.items():
             place = self._grid.place(row, indices[0])
             if quantity.kind == "addition" or quantity.kind in _UNCERTAINTIES:
@@ -442,8 +449,8 @@ class RowReader:
             if quantity.kind in POINTS:
                 if vector is None and quantity.kind == "along":
                     continue  # a gauge reads one direction in a posture, and another in the next
-                point = self._with_target_and_state(quantity, naming, place)
-                vector = self._with_addition(row, quantity, vector, faults)
+                point = self._complete_quantity(quantity, naming, place)
+                vector = self._add_deviation(row, quantity, vector, faults)
                 sigma, by_point = (
                     self._read_sigma(row, quantity, point.state, faults) if vector else (None, False)
                 )
@@ -452,7 +459,9 @@ class RowReader:
                 faults.report(place, f"this row has no {quantity.kind}", "fill in the cells")
             elif quantity.kind == "mass":
                 if min(vector, default=0.0) < 0.0:
-                    faults.report(place, "a hung mass is negative", "give its amount in kg")
+                    faults.report(
+                        place, "a hung mass is negative", "give the mass as a positive number in kg"
+                    )
                 record.values[Quantity("force")] = Value(
                     (0.0, 0.0, *(-mass for mass in vector)), record.place
                 )
@@ -471,8 +480,8 @@ class RowReader:
             faults.report(self._grid.place(row, index), reason, remedy)
         return held == "1"
 
-    def _with_target_and_state(self, quantity: Quantity, naming: Naming, place: Place) -> Quantity:
-        """Return a quantity with target and state, from its header or else from the row's names.
+    def _complete_quantity(self, quantity: Quantity, naming: NameParts, place: Place) -> Quantity:
+        """Return a quantity whose target and state are those of its header, or else of the row's names.
 
         Raises:
             ImportFileError: the target's name is not valid, at the given place.
@@ -488,10 +497,13 @@ class RowReader:
             self._targets.add(target)
         return Quantity(quantity.kind, target, state)
 
-    def _with_addition(
+    def _add_deviation(
         self, row: Row, position: Quantity, vector: Vector | None, faults: Faults
     ) -> Vector | None:
-        """Return a position plus the deviation in columns such as `plus x`, if the table has such columns."""
+        """Return a position plus the deviation in columns such as `plus x`.
+
+        Without these columns, or without numbers in `vector`, `vector` is returned unchanged.
+        """
         indices = self._columns.quantities.get(position.with_kind("addition"))
         if indices is None or not vector:
             return vector
@@ -504,10 +516,10 @@ class RowReader:
     def _read_sigma(
         self, row: Row, position: Quantity, state: State | None, faults: Faults
     ) -> tuple[Vector | None, bool]:
-        """Return standard uncertainties of x, y and z, and whether they come from that of the whole point.
+        """Return standard uncertainties σ of x, y and z, and whether σ comes from U(95) of the whole point.
 
-        They are U/1.96 by the columns U(95) X, Y, Z; only where these are empty, U/(1.96 √3) by the point's
-        U(95). Without an uncertainty, return None and False.
+        σ is U/1.96 from the columns U(95) X, Y, Z. Where these cells are empty, σ is U/(1.96 √3) from the
+        column U(95) of the point. Without an uncertainty, return None and False.
         """
         columns: tuple[int, ...] = ()
         expanded: Vector | None = None

@@ -25,8 +25,9 @@ READINGS_BYTES: Final = 4 * 1024 * 1024
 MEDIA_TYPES: Final = {"csv": "text/csv", "json": "application/json", "npz": "application/octet-stream"}
 """Types of files for HTTP, by the ending of the name."""
 Source = Literal["measurement_set", "run", "campaigns", "sets", "robot_or_set", "readings", "files"]
-"""What a verb makes a request of: a campaign; a run or a campaign to identify; one campaign or two; many
-campaigns; a robot or a campaign; a file of readings; files of a program."""
+"""Arguments of a verb, from which the ids or contents in its request are made: a campaign; a run or a
+campaign to identify; one campaign or two; many campaigns; a robot or a campaign; a file of readings; files of
+a program."""
 
 AnyJob = TypeVar("AnyJob", bound=Job)
 AnyRequest = TypeVar("AnyRequest", bound=Message)
@@ -38,8 +39,9 @@ class File:
 
     name: str  # last part of its address, such as `table.csv`
     description: str  # what it has, for the API's users
-    sheet: Callable[[Any], Sheet]  # the table that it is written from
-    made_of: Literal["result", "work"]  # what the sheet is made of: the job, or its work, done again
+    sheet: Callable[[Any], Sheet]  # makes the table that is written to the file
+    # argument of `sheet`: the job with its stored result, or the job's work, to be computed again
+    made_of: Literal["result", "work"]
 
     @property
     def suffix(self) -> str:
@@ -54,28 +56,28 @@ class File:
 
 @dataclass(frozen=True, eq=False)
 class Kind(Generic[AnyJob, AnyRequest]):
-    """A kind of work, such as plans: its messages, its computation, its report and its files."""
+    """Declaration of a kind of work, such as plans: messages, computation, report and files."""
 
     message: type[AnyJob]  # a stored job, which has the names of the kind
     request: type[AnyRequest]  # a job as it is posted
     options: type[Message]  # the fields of the request that users choose
-    # return the work of a request; raises a RequestError for one that names what does not exist, or cannot
-    # be done
+    # return the work of a request; raises a RequestError if the request names what does not exist, or cannot
+    # be carried out
     compute: Callable[[Inputs, AnyRequest], Work]
-    report: Callable[[AnyJob, Any, View], Report]  # return what people read of a job and its result
-    sources: tuple[Source, ...]  # what the verb makes the rest of the request of, in order
+    report: Callable[[AnyJob, Any, View], Report]  # return the report of a job with a result
+    sources: tuple[Source, ...]  # arguments of the verb other than options, in order
     title: str  # title of its report
     description: str  # description of the post, for the API's users
-    stepped: bool = False  # whether its jobs may take steps, which are left to workers
-    max_bytes: int = OPTIONS_BYTES  # size of a request
-    examples: Mapping[str, Any] = field(default_factory=dict)  # examples of requests, by what they are for
+    stepped: bool = False  # whether its jobs may take steps, which workers carry out
+    max_bytes: int = OPTIONS_BYTES  # greatest size of a request
+    examples: Mapping[str, Any] = field(default_factory=dict)  # examples of requests, by title
     files: tuple[File, ...] = ()  # files that can be downloaded
-    reported: bool = True  # whether any such job has a report made of its tables
-    is_form: bool = False  # whether it is posted as a form with files, at a route of its own
-    answered: Callable[[str], str] = str  # turn a stored document into the one that the API returns
-    # return the numbers that reports and `plot` draw, of a result
+    reported: bool = True  # whether a job of this kind has a printable report, made of its tables
+    is_form: bool = False  # whether a request is posted as a form with files, at a route of its own
+    answered: Callable[[str], str] = str  # convert a stored job's JSON to the JSON that the API returns
+    # return the charts of a result, for reports and `plot`
     charts: Callable[[Any], Sequence[Chart]] = lambda _result: ()
-    # return what `plot` draws of the first table of a job, in addition to the charts
+    # return the area that `plot` draws from the first file's table, in addition to the charts
     area: Callable[[Sheet], Area] | None = None
 
     @cached_property
@@ -90,7 +92,7 @@ class Kind(Generic[AnyJob, AnyRequest]):
 
     @cached_property
     def resource(self) -> Resource:
-        """Name and collection of the kind, for the store."""
+        """Name and collection of the kind, as the store needs them."""
         return Resource(self.name, self.collection)
 
 

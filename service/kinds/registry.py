@@ -5,6 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 from jointstiff.service.kinds.kind import AnyKind
-from jointstiff.service.kinds.rooms import ROOMS, kind_of
+from jointstiff.service.kinds.rooms import ROOMS, import_kind
 
-KINDS: Final[tuple[AnyKind, ...]] = tuple(map(kind_of, ROOMS))
+KINDS: Final[tuple[AnyKind, ...]] = tuple(map(import_kind, ROOMS))

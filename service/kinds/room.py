@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, order=True)
 class Room:
-    """Command, place and summary of a kind of work; the package of each kind declares a `ROOM`."""
+    """Entry of a kind of work in lists of commands; the package of each kind declares a `ROOM`."""
 
-    place: int  # in lists: of commands, routes and documentation
+    place: int  # rank in lists of commands, routes and documentation; lower is earlier
     command: str  # verb, such as `identify`
     summary: str  # one line for the list of commands

@@ -23,10 +23,10 @@ def _import_rooms() -> dict[str, Room]:
 
 
 ROOMS: Final[Mapping[str, Room]] = MappingProxyType(_import_rooms())
-"""Rooms by kind. The package of a kind has its name; the package's module `kind` declares it in capitals."""
+"""Rooms by name of the kind, such as `run`: in package `run`, the module `kind` declares `RUN`."""
 
 
-def kind_of(name: str) -> AnyKind:
-    """Import and return the declaration of a kind, such as `RUN` for "run"; other kinds are not imported."""
+def import_kind(name: str) -> AnyKind:
+    """Import a kind's module, but no other kind, and return its declaration, such as `RUN` for "run"."""
     kind: AnyKind = getattr(import_module(f"{kinds.__name__}.{name}.kind"), name.upper())
     return kind

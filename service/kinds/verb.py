@@ -41,11 +41,11 @@ if TYPE_CHECKING:
 OnProgress = Callable[[Progress], object]
 Cancel = Callable[[], object]
 SHOWN_AFTER: Final = 2.0
-"""Time after which a bar of progress is shown [s]."""
+"""Time after which a progress bar is shown [s]."""
 
 
 class Follow:
-    """Progress and cancellation of a job: functions of the caller, or a bar in a terminal or notebook."""
+    """Progress display and cancellation of one job, by functions of the caller or by a progress bar."""
 
     def __init__(
         self,
@@ -53,12 +53,12 @@ class Follow:
         cancel: Cancel | None = None,
         executor: Executor | None = None,
     ) -> None:
-        """Keep the caller's functions, and the time as the beginning of the job.
+        """Store the caller's functions, and take the present time as the beginning of the job.
 
         Args:
-            on_progress: called with the progress; None for a bar in a terminal or notebook.
+            on_progress: called with the progress; None for a progress bar in a terminal or notebook.
             cancel: called between steps; a true answer cancels the job.
-            executor: carries out the steps of work; None to carry them out in this process.
+            executor: carries out the steps of the job; None to carry them out in this process.
         """
         self._on_progress, self._cancel, self.executor = on_progress, cancel, executor
         self._began, self._bar, self._task = time.monotonic(), None, None
@@ -78,11 +78,11 @@ class Follow:
 
     @property
     def cancelled(self) -> bool:
-        """Return whether the caller wants the job to be cancelled."""
+        """True if the caller's function `cancel` says that the job is to be cancelled."""
         return self._cancel is not None and bool(self._cancel())
 
     def __call__(self, progress: Progress) -> None:
-        """Pass the progress on to the caller's function, or show it as a bar if the work takes long."""
+        """Call the caller's function with the progress or, if the job takes long, show a progress bar."""
         if self._on_progress is not None:
             self._on_progress(progress)
         elif time.monotonic() - self._began > SHOWN_AFTER and (
@@ -91,7 +91,7 @@ class Follow:
             self._show_bar(progress)
 
     def _show_bar(self, progress: Progress) -> None:
-        """Draw the progress in the bar, which is made at the first call."""
+        """Update the progress bar; the first call creates the bar."""
         if self._bar is None:
             from jointstiff.service.tables.terminal import new_bar
 
@@ -104,23 +104,23 @@ class Follow:
 
 
 class Door(Protocol):
-    """Interface of `Here` (this process) and `Client` (a service), which prepare inputs and do the work."""
+    """Interface of `Here` (this process) and `Client` (a service), which store inputs and compute results."""
 
     def begun(self, follow: Follow) -> Door:
-        """Return the door by which one call of a verb is carried out; no inputs are prepared in it yet.
+        """Return a door for one call of a verb, which has no inputs yet.
 
         Raises:
-            TypeError: an executor is given to a door that has workers of its own.
+            TypeError: `follow` has an executor, but the door has workers of its own.
         """
 
     def measured(self, source: Source, _place: str = "") -> tuple[str, RunOptions | None]:
-        """Prepare a campaign; return the id of its measurement set, and its run's options (None if unknown).
+        """Prepare a campaign; return its measurement set's id, and its run's options (None if unknown).
 
-        `_place` comes before the place that an error names, such as "first.".
+        `_place`, such as "first.", is put before the place that an error names.
         """
 
     def identified(self, source: Source, executor: Executor | None = None) -> str:
-        """Prepare a run, and return its id; a campaign is identified now."""
+        """Prepare a run, and return its id; if `source` is a campaign, identify the campaign first."""
 
     def described(self, robot: RobotDocument) -> str:
         """Prepare a robot, and return its id."""
@@ -128,7 +128,7 @@ class Door(Protocol):
     def run(self, request: RunRequest, follow: Follow, dispensable: bool) -> Run | None:
         """Identify a measurement set, and return its run.
 
-        A dispensable run whose method the readings do not support is returned as failed, or is None.
+        If the readings do not support the method, and the run is dispensable, return a failed run or None.
         """
 
     def done(
@@ -138,39 +138,42 @@ class Door(Protocol):
         files: Mapping[str, bytes],
         follow: Follow,
     ) -> AnyJob:
-        """Carry out a request, with files by name if the kind takes files; return the ended job."""
+        """Carry out a request of a kind, and return the ended job.
+
+        `files` has the contents of files by name, if jobs of this kind need files.
+        """
 
 
 def merge_options(
     message: type[Message], options: Message | None, fields: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Merge the options of a verb and its keyword arguments; return them as the fields of a request.
+    """Merge the options and the keyword arguments of a verb; return the fields of a request by name.
 
-    Units and a goal that are given in words, such as "mm, deg, N", become fields of their messages.
+    Units or a goal as text, such as "mm, deg, N", are replaced by their messages.
 
     Args:
         message: type of the options.
-        options: of the verb; None for the defaults.
+        options: options that the caller passed; None for the defaults.
         fields: keyword arguments, which replace options of the same name.
 
     Raises:
-        TypeError: the options are not of this type.
-        CampaignError: the words of units or goal are not understood.
+        TypeError: the options are not of type `message`.
+        CampaignError: the text of units or goal is not understood.
     """
     if not isinstance(options, message | None):
         raise TypeError(f"options must be a {message.__name__}, not a {type(options).__name__}")
-    given = {} if options is None else options.model_dump(mode="json", exclude_unset=True)
-    given |= fields
-    if isinstance(given.get("units"), str):
-        from jointstiff.service.conversion.arrays import units_of
+    merged = {} if options is None else options.model_dump(mode="json", exclude_unset=True)
+    merged |= fields
+    if isinstance(merged.get("units"), str):
+        from jointstiff.service.conversion.arrays import parse_units
 
-        given["units"] = units_of(given["units"])
-    if isinstance(given.get("goal"), str):
-        from jointstiff.service.conversion.units import goal_of_text
+        merged["units"] = parse_units(merged["units"])
+    if isinstance(merged.get("goal"), str):
+        from jointstiff.service.conversion.units import parse_goal_text
 
         with as_campaign_error(""):
-            given["goal"] = goal_of_text(given["goal"])
-    return given
+            merged["goal"] = parse_goal_text(merged["goal"])
+    return merged
 
 
 def describe_fields(verb: Callable[..., object], options: type[Message]) -> None:
@@ -183,7 +186,7 @@ def describe_fields(verb: Callable[..., object], options: type[Message]) -> None
     verb.__doc__ = "\n".join([inspect.cleandoc(verb.__doc__ or ""), "\nKeyword Args:", *lines])
 
 
-def verb_of(kind: str) -> Callable[..., Any]:
+def import_verb(kind: str) -> Callable[..., Any]:
     """Import and return the verb of a kind, a function whose first argument is a door."""
     verb: Callable[..., Any] = getattr(import_module(f"{kinds.__name__}.{kind}.verb"), ROOMS[kind].command)
     return verb

@@ -1,4 +1,4 @@
-"""Parallel computation: calls carried out by any `concurrent.futures.Executor`, and their results in order.
+"""Parallel computation: calls carried out by any `concurrent.futures.Executor`, with results in order.
 
 An executor of processes or of a cluster sends calls and answers as pickles: the numbers have the same bits as
 numbers computed in this process.
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Arrays, Span, Work
 
 IN_FLIGHT: Final = 256
-"""Calls that an executor has at the same time: enough for a cluster, and few enough for the memory."""
+"""Greatest number of calls that an executor has at once: enough for a cluster, and not too much memory."""
 MOST_WAITING: Final = 1_024
-"""Submitted calls whose answers were not yielded yet, while the first of them takes long."""
+"""Greatest number of submitted calls whose answers were not yielded yet, while the first call takes long."""
 _LOOK_SECONDS: Final = 0.1
 """Longest time between two checks whether the caller has cancelled the work [s]."""
 _First = TypeVar("_First")
@@ -35,24 +35,24 @@ _Outcome = tuple[_Answer | None, Exception | None]
 
 
 class CancelledWorkError(BaseException):
-    """The caller has cancelled the work."""
+    """Exception that ends work which the caller has cancelled."""
 
 
-def in_order(
+def map_in_order(
     executor: Executor,
     function: Callable[[_First], _Answer],
     arguments: Iterable[_First],
     cancelled: Callable[[], object],
 ) -> Generator[_Answer]:
-    """Call a function by an executor for each argument, and yield its answers in the order of the arguments.
+    """Call a function in an executor for each argument, and yield its answers in the order of the arguments.
 
     Up to `IN_FLIGHT` calls are submitted ahead of the last answer, and up to `MOST_WAITING` while the call
     whose answer comes next takes longer than others. At the end, calls that have not begun are cancelled.
 
     Raises:
         CancelledWorkError: `cancelled` returned true.
-        ExecutorError: the executor failed, rather than the function.
-        Exception: the function raised it.
+        ExecutorError: the executor itself failed, not the function.
+        Exception: an error that the function raised.
     """
     calls = _Calls(executor, function, cancelled)
     remaining = iter(arguments)
@@ -81,13 +81,16 @@ class _Calls(Generic[_First, _Answer]):
     ) -> None:
         self._executor, self._function, self._cancelled = executor, function, cancelled
         self.waiting: deque[Future[_Outcome[_Answer]]] = deque()
-        self._ended = SimpleQueue[Future[_Outcome[_Answer]]]()  # ended calls that `_open` still counts
-        self._open = 0  # calls that the executor has not ended
+        self._ended = SimpleQueue[
+            Future[_Outcome[_Answer]]
+        ]()  # calls that have ended, but are still counted in `_open`
+        self._open = 0  # number of calls that were submitted and have not ended
 
     def submit(self, remaining: Iterator[_First], most: int) -> None:
-        """Submit calls for the next arguments, until `most` calls wait or `IN_FLIGHT` calls are open.
+        """Submit calls for the next arguments, until `most` calls wait or `IN_FLIGHT` calls have not ended.
 
-        Stop as soon as the next answer is there: taking an argument may be slow, and the answer comes first.
+        Stop as soon as the next answer is available: to produce an argument may be slow, and must not delay
+        the answer.
         """
         while not self._ended.empty():
             self.wait()
@@ -101,13 +104,13 @@ class _Calls(Generic[_First, _Answer]):
                 return
 
     def wait(self) -> None:
-        """Wait until any call has ended, but at most `_LOOK_SECONDS`."""
+        """Wait until any call has ended, but at most `_LOOK_SECONDS`, and count the ended call."""
         with suppress(Empty):
             self._ended.get(timeout=_LOOK_SECONDS)
             self._open -= 1
 
     def next_has_ended(self) -> bool:
-        """Return whether the first waiting call has ended, the call whose answer is yielded next.
+        """Return whether the first waiting call has ended; its answer is yielded next.
 
         Raises:
             CancelledWorkError: the caller has cancelled the work, even if the call has ended.
@@ -118,14 +121,14 @@ class _Calls(Generic[_First, _Answer]):
 
 
 def _answer_or_error(function: Callable[[_First], _Answer], argument: _First) -> _Outcome[_Answer]:
-    """Call a function in another process; return its answer and None, or None and its error.
+    """Call a function, in another process; return (answer, None), or (None, error) if the function fails.
 
-    The error is returned, not raised, so that the executor's own errors can be distinguished from it.
+    The error is returned, not raised, to distinguish errors of the function from errors of the executor.
     """
     try:
         with one_thread():
             return function(argument), None
-    except Exception as error:  # noqa: BLE001 - raised by `in_order`
+    except Exception as error:  # noqa: BLE001 - raised by `map_in_order`
         error.add_note(traceback.format_exc())
         return None, error
 
@@ -141,27 +144,27 @@ def _call_executor(call: Callable[[], Any]) -> Any:  # noqa: ANN401 - of the exe
 def compute_steps(
     work: Work, spans: Sequence[Span], executor: Executor | None, cancelled: Callable[[], object]
 ) -> Generator[Arrays]:
-    """Compute the steps of a work, in this process or by an executor, and yield their arrays in order.
+    """Compute the steps of a job's work, in this process or in an executor, and yield their arrays in order.
 
     Args:
-        work: whose steps are computed.
-        spans: of units, one for each step.
+        work: work whose steps are computed.
+        spans: spans of units, one span for each step.
         executor: carries out the steps; None to carry them out in this process.
         cancelled: called between the steps; a true answer ends the computation.
 
     Raises:
         CancelledWorkError: `cancelled` returned true.
         ExecutorError: the executor failed.
-        JointstiffError: a step fails, as `Work.compute` says.
+        JointstiffError: a step fails.
     """
     if executor is not None and spans:
-        pickle_whole = cache(partial(pickle.dumps, work))  # once for all steps
+        pickle_whole = cache(partial(pickle.dumps, work))  # the whole work is pickled only once
 
         def make_task(span: Span) -> tuple[bytes, Span]:
-            part = work.detach_for_step(span)
-            return pickle_whole() if part is work else pickle.dumps(part), span
+            detached = work.detach_for_step(span)
+            return pickle_whole() if detached is work else pickle.dumps(detached), span
 
-        yield from in_order(executor, _compute_task, map(make_task, spans), cancelled)
+        yield from map_in_order(executor, _compute_task, map(make_task, spans), cancelled)
         return
     for span in spans:
         if cancelled():
@@ -177,6 +180,6 @@ def _compute_task(task: tuple[bytes, Span]) -> Arrays:
 
 @lru_cache(maxsize=1)
 def _unpickle_work(pickled_work: bytes) -> Work:
-    """Return the work; the last work is cached, because the next step here mostly needs the same work."""
+    """Return the unpickled work, cached because the next step in this process mostly needs the same work."""
     work: Work = pickle.loads(pickled_work)  # noqa: S301 - `compute_steps` wrote it
     return work

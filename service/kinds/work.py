@@ -20,7 +20,7 @@ from jointstiff.schemas.fields import Message
 from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Job, JobState, Progress, Provenance
 from jointstiff.service.kinds.width import CancelledWorkError, compute_steps
-from jointstiff.service.problems import ExecutorError, StoreUnavailableError, http_problem, problem_of
+from jointstiff.service.problems import ExecutorError, StoreUnavailableError, http_problem, problem_from_error
 from jointstiff.service.process import versions
 from jointstiff.solver.errors import InputError, JointstiffError, NotObservableError, RequestError
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from jointstiff.service.store.tables import AccessKey
 
 Span = tuple[int, int]
-"""First unit of a job's work, and one past the last."""
+"""Indices of the first unit of work in a step, and of the first unit after the step."""
 Arrays: TypeAlias = Mapping[str, npt.NDArray[Any]]
 """Result of a step: arrays by name, which a store can keep."""
 AnyJob = TypeVar("AnyJob", bound=Job)
@@ -39,13 +39,13 @@ _logger = logging.getLogger(__name__)
 class Work:
     """Base class: the computation of one checked request, cut into steps of consecutive units.
 
-    `steps` lists the steps, `compute` carries out one step, and `conclude` makes the job's result of the
-    arrays of all steps. Work without steps is done at once, by `conclude` alone.
+    `steps` lists the steps, `compute` carries out one step, and `conclude` makes the job's result from the
+    arrays of all steps. Work without steps is carried out by `conclude` alone.
     """
 
     input_hash: str  # SHA-256 of data and request; equal inputs have equal hashes in any store
     robot_id: str | None  # id of the stored robot; None if it is not stored
-    details: Mapping[str, object] = MappingProxyType({})  # fields of the job beyond those of every job
+    details: Mapping[str, object] = MappingProxyType({})  # fields that only jobs of this kind have
     unit = ""  # what progress counts, such as "places"
     activity = ""  # participle shown with the progress, such as "mapping"
 
@@ -57,14 +57,14 @@ class Work:
         return ()
 
     def detach_for_step(self, _span: Span) -> Work:
-        """Return work that computes this step in another process, without access to the store."""
+        """Return work that can compute this step in another process, which has no access to the store."""
         return self
 
     def compute(self, span: Span) -> Arrays:
-        """Carry out a step and return its arrays, which do not depend on the worker.
+        """Carry out a step and return its arrays, by name; any worker computes the same arrays.
 
         Raises:
-            JointstiffError: the computation fails, and with it the job.
+            JointstiffError: the computation fails, so that the job fails.
         """
         raise ValueError(f"this work has no step {span}")
 
@@ -83,38 +83,38 @@ class Work:
 
 @dataclass(frozen=True, eq=False)
 class QuickWork(Work):
-    """Work that is done at once, by a function without arguments."""
+    """Work without steps, carried out by a function without arguments."""
 
-    result: Callable[[], Message]  # computes the job's result; raises as `Work.conclude` does
+    result: Callable[[], Message]  # computes the job's result; raises the errors of `Work.conclude`
     input_hash: str
     robot_id: str | None
     details: Mapping[str, object] = field(default_factory=dict)
 
     def conclude(self, parts: Sequence[Arrays]) -> Message:  # noqa: ARG002 - no steps
-        """Compute and return the result; this work has no steps."""
+        """Compute and return the result of the job; `parts` is empty, as this work has no steps."""
         return self.result()
 
 
 def cut_into_spans(count: int, size: int) -> tuple[Span, ...]:
-    """Return the units 0 to `count` − 1, cut into spans of `size` units; the last span may be shorter."""
+    """Cut units 0 to `count` − 1 into spans of `size` units, and return them; the last may be shorter."""
     return tuple((start, min(start + size, count)) for start in range(0, count, size))
 
 
-def joined(parts: Iterable[Arrays]) -> dict[str, npt.NDArray[Any]]:
-    """Concatenate the arrays of all steps along the first axis, by name; at least one step is needed."""
-    listed = list(parts)
-    return {name: np.concatenate([part[name] for part in listed]) for name in listed[0]}
+def concatenate_steps(parts: Iterable[Arrays]) -> dict[str, npt.NDArray[Any]]:
+    """Return arrays by name, each concatenated from all steps along axis 0; needs at least one step."""
+    steps = list(parts)
+    return {name: np.concatenate([step[name] for step in steps]) for name in steps[0]}
 
 
-def pack(arrays: Arrays) -> bytes:
-    """Return the arrays of a step as the bytes of an npz file, for the store; `unpack` reads them."""
+def pack_arrays(arrays: Arrays) -> bytes:
+    """Return the arrays of a step as the bytes of an npz file, for the store; `unpack_arrays` reads them."""
     buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **arrays)  # not compressed: the digits are as good as random
+    np.savez(buffer, allow_pickle=False, **arrays)  # not compressed: digits hardly compress
     return buffer.getvalue()
 
 
-def unpack(content: bytes) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays, by name, from bytes that `pack` wrote."""
+def unpack_arrays(content: bytes) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays, by name, from bytes that `pack_arrays` wrote."""
     with np.load(io.BytesIO(content), allow_pickle=False) as archive:
         return dict(archive)
 
@@ -126,7 +126,7 @@ def new_job(message: type[AnyJob], request: Message, work: Work, key: AccessKey 
         message: type of the job.
         request: as it was posted.
         work: of the request.
-        key: access key of the user who posts the job, if any.
+        key: access key of the user who posts the job; None if the service has no keys.
     """
     progress = None
     if steps := work.steps():
@@ -161,12 +161,12 @@ def carry_out(
     cancelled: Callable[[], object] = lambda: False,
     executor: Executor | None = None,
 ) -> AnyJob:
-    """Carry out a queued job now, and return the job in its final state; the given job is not changed.
+    """Carry out a queued job now, and return a copy of the job in its final state.
 
     Args:
-        job: to be carried out.
-        work: of the job's request.
-        on_progress: called after each step.
+        job: job to carry out; it is not changed.
+        work: work of the job's request.
+        on_progress: called after each step with the progress.
         cancelled: called between the steps; a true answer ends the job in state `cancelled`.
         executor: carries out the steps; None to carry them out in this process.
 
@@ -186,7 +186,7 @@ def carry_out(
         return work.conclude(parts)
 
     try:
-        result, error = outcome_of(compute, (RequestError, ExecutorError, StoreUnavailableError))
+        result, error = compute_outcome(compute, (RequestError, ExecutorError, StoreUnavailableError))
     except CancelledWorkError:
         return job.model_copy(update={"state": "cancelled"})
     progress = job.progress and job.progress.model_copy(update={"done": job.progress.total})
@@ -205,26 +205,26 @@ def carry_out(
     )
 
 
-def outcome_of(
+def compute_outcome(
     compute: Callable[[], Message], passed: tuple[type[Exception], ...] = (RequestError,)
 ) -> tuple[Message | None, Problem | None]:
-    """Call the computation of a job; return its result and None, or None and the problem of its failure.
+    """Call the computation of a job; return (result, None), or (None, problem) if the computation fails.
 
-    All errors of jobs are caught here and nowhere else.
+    Errors of jobs are caught only here.
 
     Args:
-        compute: returns the result.
-        passed: errors to raise, not to return: the request is refused, or the work is done again elsewhere.
+        compute: computes and returns the result.
+        passed: classes of errors that are raised, not returned as a problem.
 
     Raises:
-        RequestError: the request is refused.
+        Exception: an error of a class in `passed`.
     """
     try:
         return compute(), None
     except passed:
         raise
     except JointstiffError as error:
-        return None, problem_of(error)
+        return None, problem_from_error(error)
     except Exception:
         _logger.exception("a job failed unexpectedly")
         return None, unexpected_failure()
@@ -236,7 +236,7 @@ def final_state(error: Problem | None) -> JobState:
 
 
 def unexpected_failure() -> Problem:
-    """Return the problem that is shown for an unexpected exception: status 500, a fault of the software."""
+    """Return the problem shown after an unexpected exception, a fault of the software: HTTP status 500."""
     return http_problem(
         500, "the computation failed with an internal error", "please report this problem, with the data"
     )
@@ -244,13 +244,13 @@ def unexpected_failure() -> Problem:
 
 @contextmanager
 def as_request_errors(section: str | None = None) -> Iterator[None]:
-    """Turn errors of robot or readings into a `RequestError`: the request is refused, and no job is stored.
+    """Raise errors of robot or readings as a `RequestError`, so that the request is refused, not stored.
 
     Args:
-        section: name of the request's part that is read, put before the place that the error names.
+        section: name of a part of the request, such as "robot", put before the place that the error names.
 
     Raises:
-        RequestError: in place of an `InputError` or a `NotObservableError`.
+        RequestError: the body raised an `InputError` or a `NotObservableError`.
     """
     try:
         yield

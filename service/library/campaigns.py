@@ -14,7 +14,7 @@ from jointstiff.schemas.run import Run
 from jointstiff.service.library import robots
 from jointstiff.service.library.robots import AnyUnits, plain_fields
 from jointstiff.service.problems import as_campaign_error
-from jointstiff.service.resources.documents import campaign_of, parse_document
+from jointstiff.service.resources.documents import parse_document, read_campaign
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -85,7 +85,7 @@ class Campaign(messages.Campaign):
             CampaignError: an array has a wrong shape, or a length seems to be in another unit; its `problem`
                 states the array, the place and the remedy.
         """
-        from jointstiff.service.conversion.arrays import ArrayReadings, units_of
+        from jointstiff.service.conversion.arrays import ArrayReadings, parse_units
 
         described = robots.robot(robot)
         with as_campaign_error(""):
@@ -101,7 +101,7 @@ class Campaign(messages.Campaign):
                 targets,
                 labels,
             )
-            readings = arrays.document(units_of(units))
+            readings = arrays.document(parse_units(units))
         noise = {} if sigma is None else {"noise": {"sigma": float(sigma)}}
         document = {"name": name, "encoders": encoders, **noise, **plain_fields(header), **readings}
         options = run if isinstance(run, Mapping) else {} if run is None else plain_fields(run)
@@ -121,7 +121,7 @@ class Campaign(messages.Campaign):
             CampaignError: the file is not a campaign.
             OSError: the file cannot be read.
         """
-        return cls.from_message(campaign_of(path))
+        return cls.from_message(read_campaign(path))
 
     def check(self) -> None:
         """Check that robot and readings can be used together.
@@ -151,6 +151,6 @@ class Campaign(messages.Campaign):
 
 
 def options_of(run: Run) -> RunOptions:
-    """Return the options of a run in the form of a campaign file: without measurement set and variant."""
+    """Return the options of a run as a campaign file has them: its request without ids of other objects."""
     options = run.request.model_dump(exclude={"measurement_set_id", "variant_of"}, exclude_unset=True)
     return RunOptions.model_validate(options)

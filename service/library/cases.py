@@ -25,7 +25,7 @@ AnyPostures = Any
 ARRAY_UNITS: Final = "m, deg, N"
 """Default units of arrays of postures and forces."""
 _MAX_ANGLE: Final = 4 * pi
-"""Two turns: a greater joint angle is taken for one in another unit [rad]."""
+"""Greatest joint angle that is accepted, two turns [rad]; a greater one is probably in another unit."""
 
 
 class PredictFields(TypedDict, total=False):
@@ -61,20 +61,20 @@ def make_load_cases(
         MeasurementError: an array has a wrong shape.
         CampaignError: the cases or the options cannot be used.
     """
-    from jointstiff.service.conversion.arrays import units_of
+    from jointstiff.service.conversion.arrays import parse_units
     from jointstiff.service.runs.deflection import read_load_cases
 
     fields = dict(options)
     if (point := fields.pop("at", None)) is not None:
         fields = {"load_point": point, "place": point} | fields
     if isinstance(fields.get("units"), str):
-        fields["units"] = units_of(fields["units"])
+        fields["units"] = parse_units(fields["units"])
     if isinstance(postures, str | PathLike):
         text = Path(postures).read_text(encoding="utf-8-sig", errors="replace")
         return read_load_cases(text, joints, **_convert_points(fields))
     if forces is None and isinstance(postures, Sequence) and isinstance(postures[0], Mapping | Message):
         return parse_document({**fields, "cases": list(postures)}, DeflectionOptions)
-    fields.setdefault("units", units_of(ARRAY_UNITS))
+    fields.setdefault("units", parse_units(ARRAY_UNITS))
     cases = _cases_from_arrays(postures, forces, fields.pop("moments", None), joints, fields["units"])
     return parse_document({**fields, "cases": cases}, DeflectionOptions)
 
@@ -86,17 +86,17 @@ def _cases_from_arrays(
     joints: Mapping[str, JointKind],
     units: Units | Mapping[str, str],
 ) -> list[dict[str, Any]]:
-    """Return a load case for each row of an array of postures (N, n).
+    """Return a load case, as a dictionary for JSON, for each row of an array of postures (N, n).
 
     Forces and moments are (N, 3), or (3,) for all postures; without moments, cases have none.
 
     Raises:
         RequestError: forces are missing, or an angle exceeds two turns.
     """
-    from jointstiff.service.conversion.arrays import table_of, vectors_of
+    from jointstiff.service.conversion.arrays import to_number_array, to_vectors
     from jointstiff.service.conversion.units import ANGLE
 
-    q = table_of(postures, "postures")
+    q = to_number_array(postures, "postures")
     q = q.reshape(1, -1) if q.ndim == 1 else q
     if forces is None:
         remedy = "give (N, 3) or (3,): predict(run, q, forces=(0, 0, -500), at=(0, 0, 0.12))"
@@ -113,9 +113,10 @@ def _cases_from_arrays(
             remedy="state the unit of the angles, such as units='m, deg, N'",
         )
     force_rows, moment_rows = (
-        None if each is None else vectors_of(each, len(q), name).tolist()
-        for each, name in ((forces, "forces"), (moments, "moments"))
+        None if vectors is None else to_vectors(vectors, len(q), name).tolist()
+        for vectors, name in ((forces, "forces"), (moments, "moments"))
     )
+    # Forces were checked above, so `force_rows` is a list; `or []` is only for type checkers.
     return [
         {
             "joints": row,

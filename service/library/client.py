@@ -27,8 +27,8 @@ from jointstiff.schemas.robot import Robot, RobotDocument, RobotSummary
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.kinds.rooms import ROOMS, kind_of
-from jointstiff.service.kinds.verb import Cancel, Follow, OnProgress, verb_of
+from jointstiff.service.kinds.rooms import ROOMS, import_kind
+from jointstiff.service.kinds.verb import Cancel, Follow, OnProgress, import_verb
 from jointstiff.service.library import results
 from jointstiff.service.library.campaigns import Campaign, options_of
 from jointstiff.service.library.cases import AnyPostures, make_load_cases
@@ -37,9 +37,9 @@ from jointstiff.service.library.verbs import Verbs
 from jointstiff.service.problems import AwayError, RefusedError, as_campaign_error, http_problem
 from jointstiff.service.resources.documents import (
     AnyCampaign,
-    campaign_of,
     json_text,
     parse_document,
+    read_campaign,
 )
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.errors import RequestError
@@ -129,7 +129,11 @@ class Client(Verbs):
         key = (os.environ.get("JOINTSTIFF_KEY", "") if key is None else key).strip()
         if not (key.isascii() and key.isprintable()):  # HTTP's own complaint would show the key
             raise RefusedError(
-                http_problem(401, "the key contains characters that no key has", "copy the whole key")
+                http_problem(
+                    401,
+                    "the key contains characters that are not allowed in a key",
+                    "copy the whole key again",
+                )
             )
         headers = {"Authorization": f"Bearer {key}"} if key else {}
         try:
@@ -165,7 +169,7 @@ class Client(Verbs):
         forces: Numbers | None = None,
         **options: Unpack[PredictFields],
     ) -> Prediction:
-        """Predict deflections by a run or a campaign; arguments as of `jointstiff.predict`."""
+        """Predict deflections with the model of a run or a campaign; arguments as of `jointstiff.predict`."""
         run_id = self.identified(run)
         joints = {name: joint.kind for name, joint in self.runs.get(run_id).joints.items()}
         with as_campaign_error("prediction"):
@@ -213,13 +217,13 @@ class Client(Verbs):
             TypeError: an executor is given: the service has its own workers.
         """
         if isinstance(campaign, Run):
-            again: Callable[..., TabledRun] = verb_of("run")
+            again: Callable[..., TabledRun] = import_verb("run")
             return again(
                 self, campaign, options, on_progress=on_progress, cancel=cancel, executor=executor, **fields
             )
         with Follow(on_progress, cancel, executor) as follow:
             self.begun(follow)  # refuses an executor
-            read = campaign_of(campaign)
+            read = read_campaign(campaign)
             own = to_json_object(read.run if options is None else options)
             run = {"leave_out": read.run.leave_out, **own, **fields}
             return self.runs.wait(self.post(to_json_object(read) | {"run": run}), follow)
@@ -244,59 +248,60 @@ class Client(Verbs):
             campaign: a file, a document that was read from JSON, or a `Campaign`.
             once: whether to return the run of an earlier post of the same campaign in place of a new run.
         """
-        document = to_json_object(campaign if isinstance(campaign, Mapping) else campaign_of(campaign))
+        document = to_json_object(campaign if isinstance(campaign, Mapping) else read_campaign(campaign))
         # Sorted keys: the same content gives the same text, and so the same idempotency key.
         text = json.dumps(json.loads(json_text(document)), sort_keys=True)
         key = content_key(text) if once else None
         return self.runs.parse_answer(self.send("POST", "/v1/campaigns", _WAIT_QUERY, text, key))
 
     def begun(self, follow: Follow) -> Client:
-        """Return this client, in which a method for work begins, such as `identify`.
+        """Begin a call of a method for work, such as `identify`; return this client.
 
         Raises:
             TypeError: an executor is given: the service has its own workers.
         """
         if follow.executor is not None:
             raise TypeError(
-                "a service computes by its own workers: give `executor` to the verbs of `import jointstiff`, "
+                "a service computes with its own workers: give `executor` to the functions of `jointstiff`, "
                 "or start more workers with `jointstiff worker`"
             )
         return self
 
     def measured(self, source: Any, _place: str = "") -> tuple[str, RunOptions | None]:  # noqa: ANN401
-        """Return the id of a stored measurement set, and options for its run.
+        """Return the id of the measurement set of a run or a campaign, and the options of the run.
 
         Args:
-            source: run of this service, or a campaign, which is posted unless it was posted before.
+            source: run of this service, or a campaign, which is posted first unless it was posted before.
         """
         source = self._replace_foreign_run(source)
         if isinstance(source, Run):
             return source.request.measurement_set_id, options_of(source)
-        campaign = campaign_of(source)
+        campaign = read_campaign(source)
         return self.post(campaign, once=True).request.measurement_set_id, campaign.run
 
     def identified(self, source: Any, executor: Executor | None = None) -> str:  # noqa: ANN401, ARG002
-        """Return the id of a stored run; if `source` is a campaign, post and identify it first."""
+        """Return the id of a run in the service; if `source` is a campaign, post and identify it first."""
         source = self._replace_foreign_run(source)
         run: Run = source if isinstance(source, Run) else self.identify(source)
         return run.id
 
     def _replace_foreign_run(self, source: Any) -> Any:  # noqa: ANN401 - a run, or a campaign
-        """Return the source; in place of a run from elsewhere, return its campaign with the run's options."""
+        """Return `source`, or for a run that this service did not do its campaign with the run's options."""
         if not isinstance(source, TabledRun) or source.was_done_by(self):
             return source
         return source.campaign.model_copy(update={"run": options_of(source)})
 
-    def campaign_of(self, run: Run) -> Campaign:
+    def read_campaign(self, run: Run) -> Campaign:
         """Return the campaign of a stored run: robot and readings from the service, and the run's options."""
         stored = self.measurement_sets.get(run.request.measurement_set_id)
         robot = self.robots.get(stored.robot_id)
+        # The service's messages have more fields, such as an id, than the documents of a campaign file.
         parts = ((robot, RobotDocument), (stored, MeasurementSetDocument))
-        of_robot, of_set = (
+        robot_fields, set_fields = (
             {name: getattr(part, name) for name in message.model_fields if name in part.model_fields_set}
             for part, message in parts
         )
-        document = {"robot": of_robot, "measurement_set": of_set, "run": options_of(run)}
+        document = {"robot": robot_fields, "measurement_set": set_fields, "run": options_of(run)}
         return Campaign.model_validate(document)
 
     def run(
@@ -307,7 +312,8 @@ class Client(Verbs):
     ) -> Run | None:
         """Post a request of a run unless it was posted before; return the run when it has ended.
 
-        Return None if the run is `dispensable` and the readings do not support its method.
+        With `dispensable`, the work can do without this run: return None if the readings do not support its
+        method.
         """
         text = request.model_dump_json()
         try:
@@ -318,7 +324,7 @@ class Client(Verbs):
             raise
 
     def described(self, robot: RobotDocument | Mapping[str, Any]) -> str:
-        """Return the id of a stored robot; post another robot first, unless its content is stored already."""
+        """Return the id of a robot in the service; post a robot that is not stored there yet."""
         if isinstance(robot, Robot):
             return robot.id
         text = parse_document(to_json_object(robot), RobotDocument).model_dump_json()
@@ -337,17 +343,20 @@ class Client(Verbs):
 
     def sheet(self, job: Job, file: File) -> Sheet:
         """Return the table of a file of a job; download the numbers if the job does not contain them."""
-        kind = kind_of(job.kind)
-        whole = next((each for each in kind.files if each.suffix == "json"), None)
-        if whole is None:
-            from jointstiff.service.reports.job import job_sheet
+        kind = import_kind(job.kind)
+        # Only kinds with large tables have a JSON file with all numbers, which the job does not contain.
+        json_file = next((each for each in kind.files if each.suffix == "json"), None)
+        if json_file is None:
+            from jointstiff.service.reports.job import build_job_sheet
 
-            return job_sheet(file, job, lambda: cast("Any", None))
-        columns = json.loads(self.file(job, whole.name))["columns"]
+            return build_job_sheet(file, job, lambda: cast("Any", None))
+        columns = json.loads(self.file(job, json_file.name))["columns"]
         headers = [f"{each['name']} [{each['unit']}]" if each["unit"] else each["name"] for each in columns]
         sheet = dict(zip(headers, [each["values"] for each in columns], strict=True))
-        texts = frozenset(name for name, values in sheet.items() if any(isinstance(v, str) for v in values))
-        return Sheet(sheet, texts)
+        text_columns = frozenset(
+            name for name, values in sheet.items() if any(isinstance(v, str) for v in values)
+        )
+        return Sheet(sheet, text_columns)
 
     def file(
         self, job: Job, name: str, query: Mapping[str, str] | None = None, laboratory: Path | None = None
@@ -361,17 +370,19 @@ class Client(Verbs):
         """
         if laboratory is not None:
             remedy = "omit it; `jointstiff serve --laboratory FILE` gives the service its laboratory"
-            raise RequestError("a service reports for its own laboratory", where="laboratory", remedy=remedy)
+            raise RequestError(
+                "a service writes reports only for its own laboratory", where="laboratory", remedy=remedy
+            )
         address = f"/v1/jobs/{quote(job.id, safe='')}/files/{quote(name, safe='')}"
         content: bytes = self.send("GET", address, query).content
         return content
 
     def apply(self, run: TabledRun, action: str) -> TabledRun:
         """Apply an action that a reason of a run advises; return the new run when it has ended."""
-        from jointstiff.service.runs.mending import advised
+        from jointstiff.service.runs.mending import find_advised_action
 
         with as_campaign_error(""):
-            chosen = advised(cast("Any", run.result).assessment, action)
+            chosen = find_advised_action(cast("Any", run.result).assessment, action)
         address = f"/v1/runs/{quote(run.id, safe='')}/apply"
         return self.runs.wait(self.runs.parse_answer(self.send("POST", address, _WAIT_QUERY, chosen)))
 
@@ -384,7 +395,7 @@ class Client(Verbs):
         key: str | None = None,
         files: Mapping[str, bytes] | None = None,
     ) -> httpx2.Response:
-        """Send a request, again while a service that answered before does not answer; return the answer.
+        """Send a request and return the answer; repeat the request while a service that answered is away.
 
         A document, or its JSON text, is sent with the idempotency key, by default a random one. With files,
         the document is sent as the field `options` of a form.
@@ -535,7 +546,7 @@ class Jobs(Collection[AnyJob, JobSummary]):
         self._client.send("PATCH", self._address(identifier), None, {"cancelled": True})
 
     def files(self, program: Program) -> dict[str, bytes]:
-        """Return the corrected files of a program by name."""
+        """Return the content of each corrected file of a program, by the name of the file."""
         names = [] if program.result is None else [file.name for file in program.result.files]
         return {name: self._client.file(program, "program", {"file": name}) for name in names}
 
@@ -552,7 +563,9 @@ class Jobs(Collection[AnyJob, JobSummary]):
         found = parse_resource(answer, _KindOfJob).kind
         if found != self._name:
             reason = f"the job is a {found}, not a {self._name}"
-            raise RefusedError(http_problem(404, reason, f"get it as a {found}"))
+            raise RefusedError(
+                http_problem(404, reason, f"get the job from the client's collection for the kind {found}")
+            )
         return results.attach_origin(super().parse_answer(answer), self._client)
 
 
@@ -575,7 +588,7 @@ def parse_resource(response: httpx2.Response, kind: type[Resource]) -> Resource:
 
 
 def parse_problem(response: httpx2.Response) -> Problem:
-    """Parse the problem in an answer; without one, return a problem about the foreign answer."""
+    """Return the problem document in an answer, or a problem that says the answer is not from Jointstiff."""
     try:
         return parse_resource(response, Problem)
     except RefusedError:
@@ -583,7 +596,7 @@ def parse_problem(response: httpx2.Response) -> Problem:
 
 
 def _foreign_answer_error(what: str) -> RefusedError:
-    """Return the error that an answer does not come from Jointstiff; `what` describes the answer."""
+    """Return the error for an answer that does not come from Jointstiff; `what` describes the answer."""
     reason = f"the answer is not from Jointstiff: {what}"
     return RefusedError(
         http_problem(502, reason, "check the address, and that client and service have the same version")
@@ -591,7 +604,7 @@ def _foreign_answer_error(what: str) -> RefusedError:
 
 
 def _no_answer_problem(address: object, error: Exception) -> Problem:
-    """Return the problem (503) that no service answers at an address."""
+    """Return the problem (status 503) for an address at which no service answers."""
     return http_problem(
         503,
         f"no answer from {address}: {error}",
@@ -600,7 +613,7 @@ def _no_answer_problem(address: object, error: Exception) -> Problem:
 
 
 def _replace_unprintable(value: Any) -> Any:  # noqa: ANN401 - any JSON
-    """Return JSON with unprintable characters replaced, which could otherwise control a terminal."""
+    """Return JSON data with U+FFFD for each unprintable character, which could control a terminal."""
     if isinstance(value, str):
         return "".join(c if c.isprintable() else "\ufffd" for c in value)
     if isinstance(value, list):
@@ -690,7 +703,8 @@ def _run_in_thread(function: Callable[..., Any], *, stepped: bool) -> Callable[.
     """
 
     async def call(*arguments: Any, **options: Any) -> Any:  # noqa: ANN401 - of the function
-        # Cancelling the task cannot stop the thread; the event does, which the function checks by `cancel`.
+        """Call the function in another thread and return its value; when cancelled, let it end early."""
+        # Cancelling a task does not stop its thread. The function calls `cancel` and stops if it is true.
         ended = threading.Event()
         if stepped:
             options.setdefault("cancel", ended.is_set)

@@ -115,7 +115,7 @@ def __getattr__(name: str) -> object:
         try:
             return getattr(import_module(f"jointstiff.{_HOMES[name]}"), name)
         except ImportError as error:
-            raise import_module("jointstiff.service.problems").missing_extra(name, error) from None
+            raise import_module("jointstiff.service.problems").explain_missing_library(name, error) from None
     from jointstiff.service.kinds.rooms import ROOMS
 
     if any(room.command == name for room in ROOMS.values()):

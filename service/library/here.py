@@ -15,7 +15,7 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.kinds.kind import AnyJob, AnyKind, File, Kind
-from jointstiff.service.kinds.rooms import kind_of
+from jointstiff.service.kinds.rooms import import_kind
 from jointstiff.service.kinds.verb import Follow
 from jointstiff.service.kinds.work import QuickWork, carry_out, new_job
 from jointstiff.service.library import results
@@ -24,18 +24,18 @@ from jointstiff.service.library.cases import AnyPostures, make_load_cases
 from jointstiff.service.library.results import Prediction, TabledRun, presented_class
 from jointstiff.service.library.robots import prepare_once
 from jointstiff.service.library.verbs import Verbs
-from jointstiff.service.problems import CampaignError, as_campaign_error, http_problem, problem_of
+from jointstiff.service.problems import CampaignError, as_campaign_error, http_problem, problem_from_error
 from jointstiff.service.process import one_thread
-from jointstiff.service.reports.job import job_sheet
+from jointstiff.service.reports.job import build_job_sheet
 from jointstiff.service.resources.documents import (
     AnyCampaign,
-    campaign_of,
     parse_document,
+    read_campaign,
     read_document,
     read_robot,
 )
-from jointstiff.service.resources.inputs import FromFile
-from jointstiff.service.tables.files import written
+from jointstiff.service.resources.inputs import InMemoryInputs
+from jointstiff.service.tables.files import write_sheet
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.errors import RequestError
 
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from jointstiff.service.reports.exports import ExportedModel
 
 
-ARun = TypeVar("ARun", bound=Run)
+AnyRun = TypeVar("AnyRun", bound=Run)
 
 
 class ImportFields(TypedDict, total=False):
@@ -87,8 +87,8 @@ class Here(Verbs):
     """Work in this process: prepares inputs from files and messages, and computes jobs at once."""
 
     def __init__(self, campaign: messages.Campaign | None = None) -> None:
-        """Begin without prepared inputs; `campaign` is that of a run which was identified before."""
-        self.inputs, self.campaign = FromFile(), campaign
+        """Begin without prepared inputs; `campaign` is the campaign of a run that was read from a file."""
+        self.inputs, self.campaign = InMemoryInputs(), campaign
 
     def begun(self, follow: Follow) -> Here:  # noqa: ARG002 - any executor can be used
         """Return a new object for one call, so that its inputs are freed with the result of the call."""
@@ -96,7 +96,7 @@ class Here(Verbs):
 
     @one_thread()
     def measured(self, source: Any, place: str = "") -> tuple[str, RunOptions]:  # noqa: ANN401 - campaign or run
-        """Prepare a campaign, or that of a run; return the id of its measurement set, and the run's options.
+        """Prepare a campaign, or the campaign of a run; return the id of its set, and the options of the run.
 
         `place` is put before the places in errors, such as `campaigns[3].`.
 
@@ -105,7 +105,7 @@ class Here(Verbs):
         """
         if isinstance(source, TabledRun):
             return self.measured(source.campaign)[0], options_of(source)
-        self.campaign = campaign = campaign_of(source)
+        self.campaign = campaign = read_campaign(source)
         with as_campaign_error(f"{place}robot"):
             robot = prepare_once(campaign.robot)
         with as_campaign_error(f"{place}measurement_set"):
@@ -125,25 +125,27 @@ class Here(Verbs):
             labels = {each.label for each in run.campaign.measurement_set.observations}
             left_out = run.request.leave_out
             prepared = self.inputs.measured(set_id, "run_id", left_out) if set(left_out) < labels else None
+            # Equal hashes show that the run was made from this robot and these readings.
             if prepared is None or run.provenance.input_hash != prepared.run_hash(run.request):
                 raise RequestError(
-                    f"the run '{run.id}' is of another robot or of other readings",
+                    f"the run '{run.id}' was made from another robot or from other readings",
                     where="run_id",
-                    remedy="give a run of this campaign by this version, or omit it to identify the campaign "
-                    "now",
+                    remedy="give a run that this version made from this campaign; or omit the run, and the "
+                    "campaign is identified now",
                 )
         return self.inputs.add_run(run, set_id)
 
     def run(self, request: RunRequest, follow: Follow, dispensable: bool) -> Run:
         """Identify a prepared measurement set; return the run.
 
-        If the run is `dispensable` and the readings do not support its method, return a failed run.
+        With `dispensable`, the work can do without this run: return a failed run if the readings do not
+        support its method.
 
         Raises:
             CampaignError: the request cannot be used, or the readings do not support an indispensable run.
         """
         try:
-            run: Run = self.done(kind_of("run"), request.model_dump(mode="json"), {}, follow)
+            run: Run = self.done(import_kind("run"), request.model_dump(mode="json"), {}, follow)
         except CampaignError as refused:
             if not dispensable or not refused.problem.type.endswith(":unsupported-method"):
                 raise
@@ -171,11 +173,11 @@ class Here(Verbs):
             CampaignError: the request cannot be used.
         """
         if kind.is_form:
-            from jointstiff.service.kinds.program.work import packed
+            from jointstiff.service.kinds.program.work import compress_file
 
             if sum(map(len, files.values())) > kind.max_bytes:
                 raise CampaignError(http_problem(413, "the files exceed 16 MiB", "split the program"))
-            parts = [packed(name, content).model_dump(mode="json") for name, content in files.items()]
+            parts = [compress_file(name, content).model_dump(mode="json") for name, content in files.items()]
             request = request | {"files": parts}
         message = parse_document(request, kind.request)
         with as_campaign_error("" if {"readings", "files"} & set(kind.sources) else kind.name):
@@ -193,7 +195,7 @@ class Here(Verbs):
         Raises:
             CampaignError: the file cannot be made, or the verdict on the run is `do_not_use`.
         """
-        kind, suffix = kind_of(job.kind), name.rpartition(".")[2]
+        kind, suffix = import_kind(job.kind), name.rpartition(".")[2]
         if name.startswith("report."):
             return self._report(kind, job, suffix, laboratory)
         if name.startswith("model."):
@@ -201,23 +203,25 @@ class Here(Verbs):
 
             with as_campaign_error("export"):
                 return export_model(
-                    _model_to_export(job), cast("Any", suffix), (query or {}).get("accept_verdict")
+                    _prepare_exported_model(job), cast("Any", suffix), (query or {}).get("accept_verdict")
                 )
         if name == "program":
-            from jointstiff.service.kinds.program.work import unpacked
+            from jointstiff.service.kinds.program.work import decompress_file
 
             wanted = (query or {}).get("file")
-            return next(unpacked(each) for each in cast("Any", job.result).files if each.name == wanted)
+            return next(
+                decompress_file(each) for each in cast("Any", job.result).files if each.name == wanted
+            )
         file = next(file for file in kind.files if file.name == name)
-        return written(self.sheet(job, file), suffix)
+        return write_sheet(self.sheet(job, file), suffix)
 
     @one_thread()
     def sheet(self, job: Job, file: File) -> Sheet:
         """Return the table of a file of a job; compute it again if the result does not contain it."""
-        kind = kind_of(job.kind)
-        return job_sheet(file, job, lambda: kind.compute(self.inputs, job.request))
+        kind = import_kind(job.kind)
+        return build_job_sheet(file, job, lambda: kind.compute(self.inputs, job.request))
 
-    def campaign_of(self, _run: Run) -> messages.Campaign | None:
+    def read_campaign(self, _run: Run) -> messages.Campaign | None:
         """Return the campaign that was prepared last; None before the first one."""
         return self.campaign
 
@@ -230,7 +234,7 @@ class Here(Verbs):
         forces: Numbers | None = None,
         **options: Unpack[PredictFields],
     ) -> Prediction:
-        """Predict deflections by a run or a campaign; arguments as of `jointstiff.predict`."""
+        """Predict deflections with the model of a run or a campaign; arguments as of `jointstiff.predict`."""
         from jointstiff.service.runs.deflection import predict_by_run
 
         known = self.inputs.run(self.identified(run), "run_id")
@@ -242,27 +246,27 @@ class Here(Verbs):
 
     def _report(self, kind: AnyKind, job: Job, suffix: str, laboratory: Path | None) -> bytes:
         """Return the report of a job as PDF or HTML, or the calibration certificate of a run as XML."""
-        from jointstiff.service.reports.certificate import certificate
-        from jointstiff.service.reports.job import job_document
+        from jointstiff.service.reports.certificate import build_certificate
+        from jointstiff.service.reports.job import build_job_report
         from jointstiff.service.reports.laboratory import LaboratorySettings, read_laboratory
-        from jointstiff.service.reports.rendering import report_page, report_pdf
-        from jointstiff.service.reports.run import RunSubject, run_document
+        from jointstiff.service.reports.rendering import render_html, render_pdf
+        from jointstiff.service.reports.run import RunSubject, build_run_report
 
         settings = LaboratorySettings() if laboratory is None else read_laboratory(laboratory)
         if isinstance(job, TabledRun):
-            subject = RunSubject(_model_to_export(job), job.campaign.measurement_set, settings)
+            subject = RunSubject(_prepare_exported_model(job), job.campaign.measurement_set, settings)
             if suffix == "xml":
                 with as_campaign_error("report"):
-                    return certificate(subject)
-            document = run_document(subject)
+                    return build_certificate(subject)
+            document = build_run_report(subject)
         elif suffix == "xml":
             with as_campaign_error(""):
                 reason = f"a {kind.name} has no certificate: only a run has one"
                 raise RequestError(reason, where="output", remedy="write it as .pdf or .html")
         else:
-            document = job_document(kind, job, job.model_dump_json(), settings)
+            document = build_job_report(kind, job, job.model_dump_json(), settings)
         with as_campaign_error("report"):
-            return report_pdf(document) if suffix == "pdf" else report_page(document)
+            return render_pdf(document) if suffix == "pdf" else render_html(document)
 
     @one_thread()
     def apply(self, run: TabledRun, action: str) -> TabledRun:
@@ -271,29 +275,33 @@ class Here(Verbs):
         Raises:
             CampaignError: no reason advises the action, or it cannot be applied to this campaign.
         """
-        from jointstiff.service.runs.mending import advised, mended
+        from jointstiff.service.runs.mending import find_advised_action, mend_campaign
 
         campaign: messages.Campaign = run.campaign.model_copy(update={"run": options_of(run)})
         with as_campaign_error(""):
-            campaign = mended(campaign, advised(cast("Any", run.result).assessment, action))
+            campaign = mend_campaign(
+                campaign, find_advised_action(cast("Any", run.result).assessment, action)
+            )
         return self.identify(campaign)
 
 
-def make_failed_run(message: type[ARun], request: RunRequest, problem: Problem) -> ARun:
-    """Return a run in state `failed` with the problem for which it cannot be computed."""
-    nothing = QuickWork(lambda: request, input_hash="", robot_id=None)
+def make_failed_run(message: type[AnyRun], request: RunRequest, problem: Problem) -> AnyRun:
+    """Return a run of class `message` in state `failed`, whose error is the problem."""
+    no_work = QuickWork(lambda: request, input_hash="", robot_id=None)
     failed = {"state": "failed", "error": problem}
-    return new_job(message, request, nothing).model_copy(update=failed)
+    return new_job(message, request, no_work).model_copy(update=failed)
 
 
-def _model_to_export(run: Job) -> ExportedModel:
-    """Return the identified model of a run with its robot, for reports and model files."""
+def _prepare_exported_model(run: Job) -> ExportedModel:
+    """Return the identified model of a run together with the robot, for reports and model files."""
     from jointstiff.service.reports.exports import ExportedModel
 
     here = Here()
     known = here.inputs.run(here.identified(run), "run_id")
     with as_campaign_error("run"):
-        return ExportedModel.of(known.run, known.prepared.robot, cast("TabledRun", run).campaign.robot.name)
+        return ExportedModel.from_run(
+            known.run, known.prepared.robot, cast("TabledRun", run).campaign.robot.name
+        )
 
 
 def read_job(path: Path) -> Job | None:
@@ -311,7 +319,7 @@ def read_job(path: Path) -> Job | None:
 
 
 def attach_campaign(run: Run, campaign: messages.Campaign) -> TabledRun:
-    """Return a run with a reference to its campaign; for runs read from a file of `identify --json`."""
+    """Return a run, read from a file of `identify --json`, with a reference to its campaign."""
     return cast("TabledRun", results.attach_origin(run, Here(campaign)))
 
 
@@ -378,4 +386,4 @@ def import_files(
     try:
         return imports.import_files(sources, request, measured)
     except FilesError as error:
-        raise CampaignError(problem_of(error)) from error
+        raise CampaignError(problem_from_error(error)) from error

@@ -18,16 +18,16 @@ from jointstiff.schemas.job import Progress
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Campaign, Run, RunRequest
 from jointstiff.service.kinds.verb import Cancel, Follow, OnProgress
-from jointstiff.service.kinds.width import CancelledWorkError, in_order
+from jointstiff.service.kinds.width import CancelledWorkError, map_in_order
 from jointstiff.service.library.campaigns import options_of
 from jointstiff.service.library.here import Here, make_failed_run
 from jointstiff.service.library.results import TabledRun
 from jointstiff.service.problems import CampaignError, http_problem
 from jointstiff.service.resources.documents import (
     AnyCampaign,
-    campaign_of,
-    document_content,
+    encode_document,
     parse_content,
+    read_campaign,
     read_content,
 )
 
@@ -82,7 +82,7 @@ def identify_many(
 
 @dataclass(frozen=True)
 class _SharedOptions:
-    """Options that all runs share: `fields` replace those of `options`."""
+    """Options that all runs share: `fields` replace single options of `options`."""
 
     options: RunOptions | None
     fields: dict[str, Any]
@@ -92,9 +92,9 @@ class _SharedOptions:
 class _Task:
     """Campaign to identify, in a form that can be sent to another process, which parses the content."""
 
-    name: str  # of the campaign, for messages
-    content: bytes | Campaign | Problem  # JSON, what was read from it, or why it cannot be read
-    path: Path | None  # of its file, if there is one
+    name: str  # name of the campaign in messages
+    content: bytes | Campaign | Problem  # JSON text, or the campaign, or why the campaign cannot be read
+    path: Path | None  # file of the campaign; None if it is not a file
     shared: _SharedOptions
 
 
@@ -108,7 +108,7 @@ def _identify_all(
 
     Campaigns are read as the work goes on; `sources` keeps those that are read and not identified yet.
     """
-    sources: deque[Any] = deque()  # campaigns in flight, the first one first
+    sources: deque[Any] = deque()  # campaigns that are being identified, in order
 
     def tasks() -> Iterator[_Task]:
         for number, source in enumerate(campaigns):
@@ -122,10 +122,10 @@ def _identify_all(
             else _identify_by_executor(executor, tasks(), lambda: follow.cancelled)
         )
         with closing(runs), suppress(CancelledWorkError):
-            for done, run in enumerate(runs, 1):
-                run._origin = _HereWithLateCampaign(sources.popleft())
-                total = len(campaigns) if isinstance(campaigns, Sized) else done + len(sources)
-                follow(Progress(done=done, total=total, unit="campaigns", activity="identifying"))
+            for count, run in enumerate(runs, 1):
+                run._origin = _OriginThatReadsCampaignLater(sources.popleft())
+                total = len(campaigns) if isinstance(campaigns, Sized) else count + len(sources)
+                follow(Progress(done=count, total=total, unit="campaigns", activity="identifying"))
                 yield run
 
 
@@ -133,7 +133,7 @@ def _identify_by_executor(
     executor: Executor, tasks: Iterable[_Task], cancelled: Callable[[], bool]
 ) -> Generator[TabledRun]:
     """Yield the runs of tasks, computed by an executor, in the order of the tasks."""
-    with closing(in_order(executor, _identify_as_json, tasks, cancelled)) as answers:
+    with closing(map_in_order(executor, _identify_as_json, tasks, cancelled)) as answers:
         yield from map(TabledRun.model_validate_json, answers)
 
 
@@ -162,7 +162,7 @@ def _make_task(number: int, source: Any, shared: _SharedOptions) -> _Task:  # no
         elif isinstance(source, Campaign):
             content = source
         elif isinstance(source, Mapping):
-            content = document_content(source)
+            content = encode_document(source)
         else:
             path = Path(cast("str | PathLike[str]", source))
             name = str(path)
@@ -183,7 +183,7 @@ def _identify_campaign(task: _Task, follow: Follow | None = None) -> TabledRun:
     shared = task.shared
     try:
         run: TabledRun = Here().identify(
-            _campaign_of_task(task),
+            _read_campaign_of_task(task),
             options=shared.options,
             on_progress=_ignore_progress,  # one bar shows all campaigns
             cancel=None if follow is None else lambda: follow.cancelled,
@@ -201,7 +201,7 @@ def _identify_as_json(task: _Task) -> str:
     return _identify_campaign(task).model_dump_json()
 
 
-def _campaign_of_task(task: _Task) -> Campaign:
+def _read_campaign_of_task(task: _Task) -> Campaign:
     """Return the campaign of a task, parsed if it is JSON.
 
     Raises:
@@ -215,7 +215,7 @@ def _campaign_of_task(task: _Task) -> Campaign:
 
 
 def _ignore_progress(_: Progress) -> None:
-    """Show no progress of a single run: a bar shows that of all campaigns."""
+    """Ignore the progress of a single run: one bar shows the progress of all campaigns."""
 
 
 def _name_campaign_in_problem(problem: Problem, task: _Task) -> Problem:
@@ -226,16 +226,16 @@ def _name_campaign_in_problem(problem: Problem, task: _Task) -> Problem:
     return problem.model_copy(update={"where": where})
 
 
-class _HereWithLateCampaign(Here):
+class _OriginThatReadsCampaignLater(Here):
     """Origin of a run that reads the run's campaign again from its source when it is needed."""
 
     def __init__(self, source: Any) -> None:  # noqa: ANN401 - a campaign or a run
         super().__init__()
         self._source = source
 
-    def campaign_of(self, _run: Run) -> Campaign:
+    def read_campaign(self, _run: Run) -> Campaign:
         """Return the campaign of the run, read from its source at the first call."""
         if self.campaign is None:
             source = self._source.campaign if isinstance(self._source, TabledRun) else self._source
-            self.campaign = campaign_of(source)
+            self.campaign = read_campaign(source)
         return self.campaign

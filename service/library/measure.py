@@ -25,22 +25,22 @@ from jointstiff.schemas.plan import Goal, PlannedReading
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.prepared import (
     PreparedRobot,
-    own_frame,
     prepare_robot,
-    stated_transform,
+    read_stated_transform,
+    resolve_stated_frame,
 )
 from jointstiff.service.library.campaigns import Campaign
-from jointstiff.service.live.campaign import MOST_READINGS, Declared, Entry, LiveCampaign
-from jointstiff.service.live.declaration import Scales, declared, goal_of
+from jointstiff.service.live.campaign import MOST_READINGS, Declaration, Entry, LiveCampaign
+from jointstiff.service.live.declaration import Scales, declare_set, read_goal
 from jointstiff.service.live.sources import (
     PATIENCE,
-    Checked,
+    CheckedSource,
     Point,
     Setting,
     Source,
     SourceError,
     Stand,
-    source_of,
+    make_source,
 )
 from jointstiff.service.problems import (
     AwayError,
@@ -60,8 +60,8 @@ T = TypeVar("T")
 _SIMULATED_SIGMA: Final = 2e-5
 """Standard deviation of a simulated tracker where the campaign states no noise [m]."""
 _READ_AGAIN: Final = "doubtful; read again"
-_SHOWN_LATER: Final = "a mistake, as later readings show"
-_SHORT_NAMES: Final = {"area": "work_area"}
+_SHOWN_BY_LATER_READINGS: Final = "a mistake, as later readings show"
+_FULL_NAMES: Final = {"area": "work_area"}
 """Full name of each option that has a shorter one."""
 
 
@@ -108,36 +108,37 @@ class _SetInProcess:
     """Measurement set that is measured live, kept in this process."""
 
     def __init__(self, robot: PreparedRobot, post: MeasurementSetPost, run: RunOptions) -> None:
+        """Begin without readings; `post` declares goal, load and targets; `run` has the run's options."""
         self._document, self._run = robot.document, run
         with as_campaign_error("measurement_set"):
-            resolved = own_frame(post)
+            resolved = resolve_stated_frame(post)
         with as_campaign_error(""):
-            self._campaign = LiveCampaign(Declared(robot.robot, post, resolved))
+            self._campaign = LiveCampaign(Declaration(robot.robot, post, resolved))
             _ = self._campaign.declared.ahead  # computed now to raise an error for what cannot be measured
 
     def state(self) -> LiveState:
-        """Return the results of the readings so far, and the next reading."""
+        """Return the results of the readings so far, and the next planned reading."""
         return self._campaign.state()
 
     def observe(self, observation: Observation) -> LiveState:
         """Add a reading; return the new state."""
         with as_campaign_error(""):
-            self._campaign = self._campaign.with_entry(self._campaign.judged(observation))
+            self._campaign = self._campaign.with_entry(self._campaign.compare_with_prediction(observation))
         return self.state()
 
     def change(self, change: SetChange) -> LiveState:
         """Withdraw or keep readings, or skip a posture; return the new state."""
         with as_campaign_error(""):
-            for entry in self._campaign.entries_of(change):
+            for entry in self._campaign.entries_for_change(change):
                 self._campaign = self._campaign.with_entry(entry)
         return self.state()
 
     def close(self) -> tuple[TabledRun, LiveState]:
-        """Close the set and identify its readings; return the run and the last state."""
+        """Close the set and identify its readings; return the run, and the state of the closed set."""
         from jointstiff.service.library.here import Here
 
         with as_campaign_error(""):
-            fields = self._campaign.closing()
+            fields = self._campaign.fields_when_closed()
         if not self._campaign.closed:
             self._campaign = self._campaign.with_entry(Entry("closed", ""))
         kept = {name: fields[name] for name in MeasurementSetDocument.model_fields}
@@ -153,6 +154,7 @@ class _SetInService:
     """Measurement set that is measured live, kept by a service."""
 
     def __init__(self, client: Client, robot: RobotDocument, post: MeasurementSetPost) -> None:
+        """Store robot and measurement set in the service; `post` declares goal, load and targets."""
         self._client = client
         body = post.model_copy(update={"robot_id": client.described(robot)})
         text = body.model_dump_json(exclude_unset=True)
@@ -168,7 +170,7 @@ class _SetInService:
         return parse_resource(answer, LiveState)
 
     def state(self) -> LiveState:
-        """Return the results of the readings so far, and the next reading."""
+        """Return the results of the readings so far, and the next planned reading."""
         return self._request_state("GET", "/next")
 
     def observe(self, observation: Observation) -> LiveState:
@@ -181,7 +183,7 @@ class _SetInService:
         return self.state()
 
     def close(self) -> tuple[TabledRun, LiveState]:
-        """Close the set in the service and wait for its run; return the run and the last state."""
+        """Close the set in the service, wait for its run; return the run, and the state of the closed set."""
         state = self._request_state("POST", "/close", "{}")
         run = self._client.runs.wait(self._client.runs.get(str(state.run_id)))
         return run, state
@@ -208,7 +210,8 @@ class _SourceThread:
         """Stop the event loop and end the thread."""
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
-        self._loop.run_until_complete(asyncio.sleep(0))  # lets connections that were just closed end
+        # One more turn of the loop lets connections end that were just closed.
+        self._loop.run_until_complete(asyncio.sleep(0))
         self._loop.close()
 
 
@@ -226,7 +229,7 @@ class LiveMeasurement:
 
     def __init__(
         self,
-        place: _SetInProcess | _SetInService,
+        measured_set: _SetInProcess | _SetInService,
         robot: PreparedRobot,
         post: MeasurementSetPost,
         source: Source | None,
@@ -236,15 +239,15 @@ class LiveMeasurement:
 
         `wait` is the time after which a silent source has stopped [s].
         """
-        self._place, self._robot, self._post = place, robot.robot, post
+        self._set, self._robot, self._post = measured_set, robot.robot, post
         self._options = cast("LiveOptions", post.open)
-        self._scales = Scales.of(post.units, robot.robot)
+        self._scales = Scales.from_units(post.units, robot.robot)
         self.source, self._wait = source, wait
         self.joint_names, self.joint_kinds = robot.robot.joint_names, robot.robot.joint_kinds
         self._loop: _SourceThread | None = None
-        self._checked: Checked | None = None
+        self._checked: CheckedSource | None = None
         self._confirmed = False
-        self.state = place.state()  #: results of the readings so far, and the next reading
+        self.state = measured_set.state()  #: results of the readings so far, and the next planned reading
         self.run: TabledRun | None = None  #: run of the closed campaign; None before
         self.robot = robot.document  #: measured robot
         #: state before the campaign was closed
@@ -259,7 +262,7 @@ class LiveMeasurement:
         self.release_source()
 
     def __repr__(self) -> str:
-        """Return robot, goal and present state in one line."""
+        """Return the robot's name, the goal and the message of the present state in one line."""
         return f"<LiveMeasurement of '{self.robot.name}': {self.state.goal}; {self.state.message}>"
 
     @property
@@ -297,45 +300,46 @@ class LiveMeasurement:
             CampaignError: the reading cannot be right, or another reading has this label.
             RefusedError: the service refuses the reading.
         """
-        following, scales = self.next, self._scales
-        if following is None and (label is None or joints is None or force is None):
-            remedy = "give `label`, `joints` and `force`"
-            raise CampaignError(http_problem(422, "nothing is left to read", remedy))
-        angles = np.asarray(following.joints if joints is None and following else joints, dtype=np.float64)
-        newtons = np.asarray(following.force if force is None and following else force, dtype=np.float64)
-        before, after = self._positions_by_target(unloaded), self._positions_by_target(loaded)
+        planned, scales = self.next, self._scales
+        if planned is None and (label is None or joints is None or force is None):
+            remedy = "give `label`, `joints` and `force` of the reading"
+            raise CampaignError(http_problem(422, "no planned reading is left", remedy))
+        angles = np.asarray(planned.joints if joints is None and planned else joints, dtype=np.float64)
+        force_newtons = np.asarray(planned.force if force is None and planned else force, dtype=np.float64)
+        unloaded_by_target = self._positions_by_target(unloaded)
+        loaded_by_target = self._positions_by_target(loaded)
         readings = [
             {
                 "target": name,
                 "unloaded": place,
-                **({"loaded": after[name]} if name in after else {}),
+                **({"loaded": loaded_by_target[name]} if name in loaded_by_target else {}),
                 **({"sigma": sigma[name] / scales.length} if sigma and name in sigma else {}),
             }
-            for name, place in before.items()
+            for name, place in unloaded_by_target.items()
         ]
         document = {
-            "label": label or (following.label if following else ""),
+            "label": label or (planned.label if planned else ""),
             "joints": (angles / np.array(scales.joints)).tolist(),
-            "force": (newtons / scales.force).tolist(),
+            "force": (force_newtons / scales.force).tolist(),
             "readings": readings,
         }
-        self.state = self._place.observe(parse_document(document, Observation))
+        self.state = self._set.observe(parse_document(document, Observation))
         return self.state
 
     def withdraw(self, label: str, reason: str) -> LiveState:
-        """Withdraw a reading for a stated reason: it no longer counts, but stays in the record."""
+        """Withdraw a reading for a stated reason: the estimate ignores it, the record still shows it."""
         return self._send_change({"withdrawn": {label: reason}})
 
     def keep(self, label: str) -> LiveState:
-        """Let the doubtful reading of a label count, because it is right."""
+        """Use the doubtful reading of this label in the estimate, because the reading is right."""
         return self._send_change({"kept": [label]})
 
     def skip(self) -> LiveState:
-        """Skip the next planned posture; return the state with another one."""
+        """Skip the next planned posture; return the state, in which `next` is another posture."""
         return self.state if self.next is None else self._send_change({"skipped": self.next.label})
 
     def run_source(self, person: Person | None = None, most: int = MOST_READINGS) -> LiveState:
-        """Read by the source until the goal is reached or cannot be reached, or `most` readings are taken.
+        """Read with the source until the goal is reached or cannot be reached, or after `most` readings.
 
         Args:
             person: person who decides about readings; default: nobody, as `Person` describes.
@@ -368,7 +372,7 @@ class LiveMeasurement:
         self.release_source()
         if self.run is None:
             self.outcome = self.state
-            self.run, self.state = self._place.close()
+            self.run, self.state = self._set.close()
         return self.run
 
     @property
@@ -385,12 +389,15 @@ class LiveMeasurement:
             self._loop = self._checked = None
 
     def _send_change(self, change: dict[str, Any]) -> LiveState:
-        """Change the open set, such as by withdrawing a reading; return the new state."""
-        self.state = self._place.change(parse_document(change, SetChange))
+        """Apply a change to the measurement set, such as to withdraw a reading; return the new state."""
+        self.state = self._set.change(parse_document(change, SetChange))
         return self.state
 
     def _positions_by_target(self, places: Any) -> dict[str, list[float]]:  # noqa: ANN401 - arrays or positions by target
-        """Return positions [m], given by target or in order, as a dictionary by target in the set's units."""
+        """Return positions by target, in the units of the set.
+
+        `places` [m] are a dictionary by target, or rows (T, 3) in the order of the targets; None: no entries.
+        """
         if places is None:
             return {}
         names = self._options.targets
@@ -400,8 +407,8 @@ class LiveMeasurement:
             for name, place in named.items()
         }
 
-    def _make_setting(self) -> Setting:
-        """Return what a source needs to know: robot, targets, load point [m], sigma [m], and the frame."""
+    def _make_source_setting(self) -> Setting:
+        """Return what a source needs: robot, targets, load point [m], sigma [m], and the frame in R0."""
         post, options = self._post, self._options
         length = self._scales.length
         targets, point = options.targets, options.load_point or (0.0, 0.0, 0.0)
@@ -409,7 +416,7 @@ class LiveMeasurement:
         sigma = length * noise if noise else options.sigma or _SIMULATED_SIGMA
         if post.frame is None or post.frame.rotation is None:
             return Setting(self._robot, targets, point, sigma)
-        transform = stated_transform(post.frame, length)
+        transform = read_stated_transform(post.frame, length)
         return Setting(
             self._robot, targets, point, sigma, (transform.rotation, np.asarray(transform.translation))
         )
@@ -422,101 +429,104 @@ class LiveMeasurement:
         """
         if self.source is None:
             raise RequestError(
-                "the campaign has no source", where="source", remedy='give one, such as source="simulated:1"'
+                "the live measurement has no source of readings",
+                where="source",
+                remedy='give a source, such as source="simulated:1"',
             )
         if isinstance(self._options.load, OwnWeight) and self.source.by_itself:
             raise RequestError(
-                "a simulated source cannot measure by the robot's own weight",
+                "a simulated source cannot read a robot that carries only its own weight",
                 where="source",
                 remedy="give a load, such as dead_weight:1500",
             )
         if self._loop is not None:
             return
         self._loop = _SourceThread()
-        self._checked = Checked(self.source, self._make_setting(), self._wait)
+        self._checked = CheckedSource(self.source, self._make_source_setting(), self._wait)
         try:
             self._loop.do(self._checked.open())
         except BaseException:
             self.release_source()
             raise
 
-    def _read_posture(
-        self, following: PlannedReading, person: Person
-    ) -> Literal["read", "again", "skip", "stop"]:
+    def _read_posture(self, planned: PlannedReading, person: Person) -> Literal["read", "skip", "stop"]:
         """Read a posture until its reading is kept; return `read`, or the person's decision to skip or stop.
 
         A doubtful reading is withdrawn and read again with a new label, unless the person keeps it.
+
+        Raises:
+            AwayError: the service does not answer.
         """
-        missed = doubted = False
+        source_failed = was_read_again = False
         while True:
             answer: Literal["read", "again", "skip", "stop"]
             try:
-                answer = self._read_once(following, person)
+                answer = self._read_once(planned, person)
             except AwayError:
                 raise
             except (SourceError, ProblemError) as error:
-                answer, missed = person.missed(error, again=missed), True
+                answer, source_failed = person.missed(error, again=source_failed), True
             if answer == "again":
                 continue
             if answer != "read":
                 return answer
             reading = self.state.readings[-1]
             person.on_reading(self.state, reading)
-            self._settle_earlier(person)
+            self._review_earlier_readings(person)
             if reading.state != "doubtful":
                 return answer
-            if person.doubts(reading, again=doubted) == "keep":
+            if person.doubts(reading, again=was_read_again) == "keep":
                 self.keep(reading.label)
                 return answer
             self.withdraw(reading.label, _READ_AGAIN)
-            missed, doubted = False, True
+            source_failed, was_read_again = False, True
             label = f"m{1 + len(self.state.readings):02d}"
-            following = following.model_copy(update={"label": label})
+            planned = planned.model_copy(update={"label": label})
 
-    def _settle_earlier(self, person: Person) -> None:
-        """Withdraw or keep, as the person decides, earlier readings that have become doubtful."""
+    def _review_earlier_readings(self, person: Person) -> None:
+        """Ask the person about earlier readings that later ones have made doubtful; withdraw or keep each."""
         readings = self.state.readings
-        withdrew_before = any(each.reason == _SHOWN_LATER for each in readings)
+        withdrew_before = any(each.reason == _SHOWN_BY_LATER_READINGS for each in readings)
         for earlier in readings[:-1]:
             if earlier.state == "doubtful":
                 person.on_reading(self.state, earlier)
                 if person.doubts_earlier(earlier, again=withdrew_before) == "keep":
                     self.keep(earlier.label)
                 else:
-                    self.withdraw(earlier.label, _SHOWN_LATER)
+                    self.withdraw(earlier.label, _SHOWN_BY_LATER_READINGS)
 
-    def _read_once(self, following: PlannedReading, person: Person) -> Literal["read", "skip", "stop"]:
+    def _read_once(self, planned: PlannedReading, person: Person) -> Literal["read", "skip", "stop"]:
         """Read a posture without and with load, and add the reading.
 
         Return `read`, or the person's decision to skip the posture or to stop. With the robot's own weight as
         load, read the posture once.
         """
-        loop, checked = cast("_SourceThread", self._loop), cast("Checked", self._checked)
-        parts: list[dict[str, Point]] = []
+        loop, checked = cast("_SourceThread", self._loop), cast("CheckedSource", self._checked)
+        positions: list[dict[str, Point]] = []
         for loaded in (False,) if isinstance(self._options.load, OwnWeight) else (False, True):
-            answer = person.ready(following, loaded=loaded)
+            answer = person.ready(planned, loaded=loaded)
             if answer != "read":
                 return answer
-            stand = Stand(following.label, tuple(following.joints), following.force, loaded)
-            self._confirm(stand, person)
-            parts.append(loop.do(checked.read(stand)))
-        unloaded, last = parts[0], parts[-1]
+            posture = Stand(planned.label, tuple(planned.joints), planned.force, loaded)
+            self._confirm_line_format(posture, person)
+            positions.append(loop.do(checked.read(posture)))
+        unloaded, loaded_or_unloaded = positions[0], positions[-1]
         sigma: dict[str, float] = {}
         if self._post.noise is None or self._post.noise.sigma is None:
-            # The greater uncertainty of the two positions is stated for both.
-            stated = {name: (unloaded[name][1], last[name][1]) for name in unloaded}
+            # A reading has one uncertainty for both of its positions: the greater of the two is stated.
+            stated = {name: (unloaded[name][1], loaded_or_unloaded[name][1]) for name in unloaded}
             sigma = {name: max(u, v) for name, (u, v) in stated.items() if u is not None and v is not None}
-        places = [{name: place for name, (place, _) in part.items()} for part in parts]
+        places = [{name: place for name, (place, _) in part.items()} for part in positions]
         self.observe(
             *places,
-            label=following.label,
-            joints=following.joints,
-            force=following.force,
+            label=planned.label,
+            joints=planned.joints,
+            force=planned.force,
             sigma=sigma,
         )
         return "read"
 
-    def _confirm(self, stand: Stand, person: Person) -> None:
+    def _confirm_line_format(self, posture: Stand, person: Person) -> None:
         """Let a person confirm, before the first reading, how the lines of the source are read.
 
         Raises:
@@ -524,12 +534,12 @@ class LiveMeasurement:
         """
         if self._confirmed:
             return
-        profile = cast("_SourceThread", self._loop).do(cast("Checked", self._checked).profile(stand))
+        profile = cast("_SourceThread", self._loop).do(cast("CheckedSource", self._checked).profile(posture))
         if profile is not None and not person.confirms(profile):
             raise RequestError(
                 "nobody confirmed how the lines are read",
                 where="source",
-                remedy="state their form by `columns` or `pattern`, and their unit",
+                remedy="state the form of the lines by `columns` or `pattern`, and the unit by `source_unit`",
             )
         self._confirmed = True
 
@@ -571,27 +581,29 @@ def measure(
         RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """
-    from jointstiff.schemas.fields import planned_load_of
+    from jointstiff.schemas.fields import parse_planned_load
 
     if isinstance(options.get("load"), str):
-        options["load"] = planned_load_of(options["load"])
-    named = {_SHORT_NAMES.get(name, name): value for name, value in options.items()}
+        options["load"] = parse_planned_load(options["load"])
+    named = {_FULL_NAMES.get(name, name): value for name, value in options.items()}
     measured, campaign = _robot_and_campaign(robot)
     with as_campaign_error(""):
         area_force = None if force is None else tuple(np.asarray(force, dtype=np.float64).tolist())
-        stated = goal_of(goal, cast("Any", area_force))
+        stated = read_goal(goal, cast("Any", area_force))
         prepared = prepare_robot(measured)
         document = None if campaign is None else campaign.measurement_set
         run = RunOptions() if campaign is None else RunOptions(confidence=campaign.run.confidence)
         weight = None if campaign is None else campaign.run.weight
-        post = declared(prepared, document, stated, _parse_options(named, stated), weight)
-        reader = source_of(source, source_options or {}) if isinstance(source, str) else source
-    place = _SetInProcess(prepared, post, run) if client is None else _SetInService(client, measured, post)
-    return LiveMeasurement(place, prepared, post, reader, timeout)
+        post = declare_set(prepared, document, stated, _parse_options(named, stated), weight)
+        reader = make_source(source, source_options or {}) if isinstance(source, str) else source
+    measured_set = (
+        _SetInProcess(prepared, post, run) if client is None else _SetInService(client, measured, post)
+    )
+    return LiveMeasurement(measured_set, prepared, post, reader, timeout)
 
 
 def _parse_options(options: Mapping[str, Any], goal: Goal) -> dict[str, Any]:
-    """Check the options of a live measurement; return the stated ones, parsed as fields of `LiveOptions`."""
+    """Validate options of a live measurement; return those that are not None, with parsed values."""
     stated = {name: value for name, value in options.items() if value is not None}
     message = parse_document({**stated, "goal": goal}, LiveOptions)
     return {name: getattr(message, name) for name in stated}

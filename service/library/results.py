@@ -21,12 +21,12 @@ from jointstiff.schemas.run import JointResult, Run, RunResult
 from jointstiff.schemas.trend import Trend
 from jointstiff.service.kinds import verb
 from jointstiff.service.kinds.kind import AnyJob, File, Kind
-from jointstiff.service.kinds.rooms import kind_of
+from jointstiff.service.kinds.rooms import import_kind
 from jointstiff.service.library.campaigns import Campaign
-from jointstiff.service.tables.files import frame_of, written, xlsx_bytes
+from jointstiff.service.tables.files import make_data_frame, write_sheet, xlsx_bytes
 from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS
 from jointstiff.service.tables.table import NO_NUMBER, Chart, Line, Part, Sheet, text_table
-from jointstiff.service.tables.terminal import printed
+from jointstiff.service.tables.terminal import lay_out_parts
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.text import figure
 
@@ -47,7 +47,7 @@ _MODELS = {"csv", "xlsx", "mjcf", "xml"}
 class Door(verb.Door, Protocol):
     """Service or process that does work, and also makes files, predictions and new runs from a job."""
 
-    def campaign_of(self, run: Run) -> messages.Campaign | None:
+    def read_campaign(self, run: Run) -> messages.Campaign | None:
         """Return the campaign of a run; None if the campaign is not known."""
 
     def file(
@@ -66,7 +66,7 @@ class Door(verb.Door, Protocol):
         forces: Numbers | None = None,
         **options: Unpack[PredictFields],
     ) -> Prediction:
-        """Predict deflections by a run or a campaign; arguments as of `jointstiff.predict`."""
+        """Predict deflections with the model of a run or a campaign; arguments as of `jointstiff.predict`."""
 
     def apply(self, run: TabledRun, action: str) -> TabledRun:
         """Apply an action that a reason of a run advises; return the run of the changed campaign."""
@@ -81,7 +81,7 @@ class Presented(ABC):
 
     @abstractmethod
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
-        """Return a function that makes each table, by the table's name; the main table is first."""
+        """Return, by the name of each table, a function that makes the table; the main table is first."""
 
     @abstractmethod
     def _draw_figure(self) -> Figure:
@@ -89,6 +89,7 @@ class Presented(ABC):
 
     @property
     def _message(self) -> Message:
+        """Object itself, for type checkers: every subclass is also a message."""
         return cast("Message", self)
 
     def __repr__(self) -> str:
@@ -98,19 +99,19 @@ class Presented(ABC):
     def __str__(self) -> str:
         """Return the report of the terminal as text."""
         console = Console(file=StringIO(), width=_WIDTH, highlight=False)
-        console.print(printed(self._parts()))
+        console.print(lay_out_parts(self._parts()))
         return cast("StringIO", console.file).getvalue()
 
     def _repr_html_(self) -> str:
         """Return the report of the terminal as HTML, which notebooks display."""
         console = Console(record=True, file=StringIO(), width=_WIDTH)
-        console.print(printed(self._parts()))
+        console.print(lay_out_parts(self._parts()))
         return console.export_html(
             inline_styles=True, code_format='<pre style="line-height:1.2">{code}</pre>'
         )
 
     def _first_line(self) -> str:
-        """Return the first line of the report that is not part of a table; empty without one."""
+        """Return the first text line of the report; empty if the report has only tables."""
         lines = [part.text for part in self._parts() if isinstance(part, Line)]
         return lines[0].strip().partition("\n")[0] if lines else ""
 
@@ -130,10 +131,10 @@ class Presented(ABC):
             MissingExtraError: neither pandas nor polars is installed.
             ValueError: the result has no table of this name.
         """
-        return frame_of(self._sheet(name))
+        return make_data_frame(self._sheet(name))
 
     def plot(self) -> Figure:
-        """Draw the result by matplotlib; notebooks display the figure, and `.savefig(path)` writes it.
+        """Draw the result with matplotlib; notebooks display the figure, and `.savefig(path)` writes it.
 
         Raises:
             MissingExtraError: matplotlib is not installed.
@@ -162,7 +163,7 @@ class Presented(ABC):
         elif suffix == "json":
             target.write_text(self._message.model_dump_json(indent=1) + "\n", encoding="utf-8")
         elif suffix == "csv":
-            target.write_bytes(written(self._sheet(None), suffix))
+            target.write_bytes(write_sheet(self._sheet(None), suffix))
         elif suffix == "xlsx":
             target.write_bytes(xlsx_bytes({name: sheet() for name, sheet in self._sheets().items()}))
         else:
@@ -186,10 +187,10 @@ class Presented(ABC):
 class PresentedJob(Presented):
     """Base class of jobs with tables, plots, files and reports; combined with a kind's message."""
 
-    _origin: Any  # client or process that did the job; None if not known
+    _origin: Any  # client or process that did the job; None if it is not known
 
     def __eq__(self, other: object) -> bool:
-        """Return whether another job has the same kind and fields, also if it is a plain message."""
+        """Return whether another job, of this class or a plain message, has the same kind and fields."""
         return isinstance(other, Job) and other.kind == self._job.kind and dict(self._job) == dict(other)
 
     def __hash__(self) -> int:
@@ -203,22 +204,26 @@ class PresentedJob(Presented):
     def __repr__(self) -> str:
         """Return kind, short id, state and first line of the report in one line."""
         job = self._job
-        return f"<{kind_of(job.kind).message.__name__} {job.id[:8]}, {job.state}: {self._first_line()}>"
+        return f"<{import_kind(job.kind).message.__name__} {job.id[:8]}, {job.state}: {self._first_line()}>"
 
     def _parts(self) -> Sequence[Part]:
+        """Return the lines and tables of the report of the job."""
         from jointstiff.service.reports.job import job_parts
 
-        return job_parts(kind_of(self._job.kind), self._job)
+        return job_parts(import_kind(self._job.kind), self._job)
 
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
-        files = {file.name.partition(".")[0]: file for file in reversed(kind_of(self._job.kind).files)}
+        """Return a function that makes each table, by its name: the name of its file without the ending."""
+        # If several files have the same name, such as a CSV and a JSON file, the first one is used.
+        files = {file.name.partition(".")[0]: file for file in reversed(import_kind(self._job.kind).files)}
         return {name: partial(self._make_sheet, file) for name, file in reversed(files.items())}
 
     def _make_sheet(self, file: File) -> Sheet:
-        """Return the table of a file of this job, made by the job's origin if that is known.
+        """Return the table of a file of this job; the client or process that did the job makes it, if known.
 
         Raises:
-            ValueError: the job has no result, or only its origin, which is not known, can make the table.
+            ValueError: the job has no result; or the table must be computed again by the client or process
+                that did the job, which is not known.
         """
         job = self._job
         if job.result is None:
@@ -227,19 +232,19 @@ class PresentedJob(Presented):
             return self._require_origin().sheet(job, file)
         if file.made_of == "work":
             self._require_origin()
-        from jointstiff.service.reports.job import job_sheet
+        from jointstiff.service.reports.job import build_job_sheet
 
-        return job_sheet(file, job, lambda: cast("Any", None))
+        return build_job_sheet(file, job, lambda: cast("Any", None))
 
     def _draw_figure(self) -> Figure:
         """Draw the charts of the kind of job; raise ValueError if the job has no result."""
-        from jointstiff.service.reports.plots import figure_of
+        from jointstiff.service.reports.plots import draw_figure
 
-        kind, job = kind_of(self._job.kind), self._job
+        kind, job = import_kind(self._job.kind), self._job
         if job.result is None:
             raise ValueError(job.error.detail if job.error else f"the {job.kind} is {job.state}")
         areas = [] if kind.area is None else [kind.area(self._sheet(None))]
-        return figure_of(f"{kind.title}: {self._first_line()}", list(kind.charts(job.result)), areas)
+        return draw_figure(f"{kind.title}: {self._first_line()}", list(kind.charts(job.result)), areas)
 
     def table(self, suffix: str) -> bytes:
         """Return the content of the job's main table as a file: `csv`, and for maps also `npz` and `json`.
@@ -247,14 +252,14 @@ class PresentedJob(Presented):
         Raises:
             ValueError: the kind of job has no such file, or the origin of the job is not known.
         """
-        kind = kind_of(self._job.kind)
+        kind = import_kind(self._job.kind)
         file = next((file for file in kind.files if file.suffix == suffix), None)
         if file is None:
             endings = ", ".join(f".{file.suffix}" for file in kind.files) or "none"
             raise ValueError(f"a {kind.name} has tables of these endings: {endings}")
         if self._origin is not None and self._job.result is not None:
             return self._require_origin().file(self._job, file.name)
-        return written(self._make_sheet(file), suffix)
+        return write_sheet(self._make_sheet(file), suffix)
 
     def report(self, path: str | Path, laboratory: str | Path | None = None) -> None:
         """Write the report of the job to a file.
@@ -280,7 +285,7 @@ class PresentedJob(Presented):
             self.report(path)
         elif suffix == "npz":
             path.write_bytes(self.table(suffix))
-        elif kind_of(job.kind).is_form and job.result is not None:
+        elif import_kind(job.kind).is_form and job.result is not None:
             names = [file.name for file in job.result.files]
             for name in names:
                 target = path if len(names) == 1 else path.with_suffix(Path(name).suffix)
@@ -336,10 +341,11 @@ class TabledRun(PresentedJob, Run):
 
         found = self._require_result()
         if found.budget is None:
-            remedy = "identify by joints alone, with `sigma` or more readings than joints"
+            remedy = "identify joints without links, and state `sigma` or take more readings than joints"
             raise RequestError("the run has no uncertainty budget", where="run", remedy=remedy)
         names, budget = [joint.name for joint in found.joints], found.budget
         matrix = np.full((len(names), len(names)), np.nan)
+        # Entry (i, j) is u_i u_j times the correlation of joints i and j.
         indices, u = [names.index(name) for name in budget.joints], np.array(budget.standard_uncertainty)
         matrix[np.ix_(indices, indices)] = np.outer(u, u) * np.array(budget.correlation)
         return matrix
@@ -351,7 +357,7 @@ class TabledRun(PresentedJob, Run):
         forces: Numbers | None = None,
         **options: Unpack[PredictFields],
     ) -> Prediction:
-        """Predict deflections by this run; arguments as of `jointstiff.predict`."""
+        """Predict deflections with the model of this run; arguments as of `jointstiff.predict`."""
         return self._require_origin().predict(self, postures, forces, **options)
 
     @property
@@ -361,7 +367,7 @@ class TabledRun(PresentedJob, Run):
         Raises:
             RequestError: the run has no reference to its campaign, such as a run read from a file.
         """
-        campaign = None if self._origin is None else self._require_origin().campaign_of(self)
+        campaign = None if self._origin is None else self._require_origin().read_campaign(self)
         if campaign is None:
             raise RequestError(
                 "the run has no reference to its campaign",
@@ -416,6 +422,7 @@ class TabledRun(PresentedJob, Run):
         Path(path).write_bytes(self._require_origin().file(self, f"model.{suffix}", query))
 
     def _save_other(self, path: Path, suffix: str) -> None:
+        """Write a model file for simulators, or a file that every kind of job has."""
         if suffix in _MODELS - {"csv", "xlsx"}:
             self.export(path)
         else:
@@ -444,7 +451,7 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
 
     @property
     def intervals(self) -> FloatArray:
-        """Ends (N, 3, 2) of the displacements' intervals without model error [m]; NaN where unknown."""
+        """Lower and upper ends (N, 3, 2) of intervals of `displacement` without model error [m], or NaN."""
         import numpy as np
 
         known = [case.readings_only for case in self.cases]
@@ -458,40 +465,43 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
         return np.array([getattr(case, field) or unknown for case in self.cases], dtype=np.float64)
 
     def _parts(self) -> Sequence[Part]:
+        """Return the lines and tables of the predicted deflections."""
         from jointstiff.service.runs.deflection import prediction_parts
 
         return prediction_parts(self)
 
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
+        """Return, by its name, the function that makes the only table: a row for each load case."""
         from jointstiff.service.runs.deflection import prediction_sheet
 
         return {"cases": lambda: prediction_sheet(self)}
 
     def _draw_figure(self) -> Figure:
-        from jointstiff.service.reports.plots import figure_of
+        """Draw the predicted deflections of all load cases."""
+        from jointstiff.service.reports.plots import draw_figure
         from jointstiff.service.runs.deflection import prediction_charts
 
-        return figure_of(f"Predicted deflection: {self._first_line()}", prediction_charts(self))
+        return draw_figure(f"Predicted deflection: {self._first_line()}", prediction_charts(self))
 
 
 class RobotTrend(Presented, Trend):
     """Stiffness of a robot's joints over its campaigns; shown as a table of changes, and plots."""
 
     def _parts(self) -> Sequence[Part]:
-        """Return a line with the number of changed joints, remarks, and a table of the changes [%]."""
+        """Return the lines and the table of the report: number of changed joints, remarks, changes in %."""
         changed = sum(joint.changed for joint in self.joints)
         head = (
             f"{len(self.campaigns)} campaigns: {changed} of {len(self.joints)} joints changed since the first"
         )
         rows = []
         for joint in self.joints:
-            shown = NO_NUMBER
+            change_text = NO_NUMBER
             if (change := joint.change) is not None:
                 u = change.standard_uncertainty
-                known = "" if u is None else f" ± {figure(100 * u, '.2g')}"
-                shown = f"{figure(100 * change.value, '.2g')}{known} %"
+                u_text = "" if u is None else f" ± {figure(100 * u, '.2g')}"
+                change_text = f"{figure(100 * change.value, '.2g')}{u_text} %"
             p_value = NO_NUMBER if joint.p_value is None else figure(joint.p_value, ".2g")
-            rows.append([joint.name, "changed" if joint.changed else "", shown, p_value])
+            rows.append([joint.name, "changed" if joint.changed else "", change_text, p_value])
         lines = [
             Line(head),
             *map(Line, self._describe_other_pairs()),
@@ -500,17 +510,18 @@ class RobotTrend(Presented, Trend):
         return [*lines, text_table(["joint", "", "change, ± u", "p-value"], rows, texts=[0, 1])]
 
     def _describe_other_pairs(self) -> Iterator[str]:
-        """Yield a sentence for each joint whose test does not compare the first and the latest campaign."""
-        whens = self._campaign_dates()
+        """Yield a sentence for each joint whose test does not compare the first with the latest campaign."""
+        dates = self._campaign_dates()
         for joint in self.joints:
             compared = [i for i, point in enumerate(joint.points) if point.reason is None]
-            if joint.change is None or (compared[0] == 0 and compared[-1] == len(whens) - 1):
+            if joint.change is None or (compared[0] == 0 and compared[-1] == len(dates) - 1):
                 continue
-            first, latest = (f"'{self.campaigns[i].name}' ({whens[i]})" for i in (compared[0], compared[-1]))
-            yield f"{joint.name}: compared from {first} to {latest}, as others give no number to compare"
+            first, latest = (f"'{self.campaigns[i].name}' ({dates[i]})" for i in (compared[0], compared[-1]))
+            reason = "because the other campaigns give no number to compare"
+            yield f"{joint.name}: compared from {first} to {latest}, {reason}"
 
     def _campaign_dates(self) -> list[str]:
-        """Return unique labels of the campaigns' times: days, else minutes, else numbered minutes."""
+        """Return the date of each campaign; if dates are equal, with time; if still equal, with a number."""
         times = [campaign.at for campaign in self.campaigns]
         days, minutes = ([f"{at:{form}}" for at in times] for form in ("%Y-%m-%d", "%Y-%m-%d %H:%M"))
         if len(set(days)) == len(times):
@@ -519,6 +530,7 @@ class RobotTrend(Presented, Trend):
         return minutes if unique else [f"{minute} ({i})" for i, minute in enumerate(minutes, 1)]
 
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
+        """Return, by its name, the function that makes the only table: a row for each joint and campaign."""
         return {"points": self._points_sheet}
 
     def _points_sheet(self) -> Sheet:
@@ -538,26 +550,26 @@ class RobotTrend(Presented, Trend):
             "upper [N.m/rad]": [high for _, high in limits],
         }
         sheet = Sheet(columns, frozenset(["joint", "campaign", "at"]))
-        return Sheet.of_joints(sheet, [joint.kind for joint, _, _ in pairs])
+        return Sheet.with_joint_kinds(sheet, [joint.kind for joint, _, _ in pairs])
 
     def _draw_figure(self) -> Figure:
-        """Draw a chart of stiffness over campaigns for each joint."""
-        from jointstiff.service.reports.plots import figure_of
+        """Draw a figure with a chart for each joint: its stiffness over the campaigns."""
+        from jointstiff.service.reports.plots import draw_figure
 
         names = self._campaign_dates()
         charts = []
         for joint in self.joints:
-            unit = UNITS[DEFAULT_UNIT].of(joint.kind)
+            unit = UNITS[DEFAULT_UNIT].for_kind(joint.kind)
             series = {"stiffness": [point.stiffness for point in joint.points]}
             ends = {"stiffness": [point.interval for point in joint.points]}
             title = f"{joint.name}: changed" if joint.changed else joint.name
             charts.append(Chart(title, names, series, unit.factor, unit.label, "campaigns", ends, True))
-        return figure_of(f"Trend: {self._first_line()}", charts)
+        return draw_figure(f"Trend: {self._first_line()}", charts)
 
 
 @cache
 def presented_class(kind: Kind[AnyJob, Any]) -> type[AnyJob]:
-    """Return the message class of a kind of job, combined with `PresentedJob`; made once for each kind."""
+    """Return the class of a kind's jobs with tables, plots and files; it is made once for each kind."""
     if kind.message is Run:
         return cast("type[AnyJob]", TabledRun)
     bases: Any = (PresentedJob, kind.message)
@@ -567,8 +579,8 @@ def presented_class(kind: Kind[AnyJob, Any]) -> type[AnyJob]:
 
 
 def attach_origin(job: AnyJob, origin: Door) -> AnyJob:
-    """Return a job as a presented class that knows its origin: the client or process that did the job."""
-    known = presented_class(kind_of(job.kind)).model_validate(dict(job))
+    """Return a job with tables, plots and files; `origin` is the client or process that did the job."""
+    known = presented_class(import_kind(job.kind)).model_validate(dict(job))
     cast("Any", known)._origin = origin
     return cast("AnyJob", known)
 

@@ -24,41 +24,42 @@ AnyUnits = Units | Mapping[str, str] | str
 
 
 class ModelledRobot(RobotDocument):
-    """Robot that was given as a Pinocchio model: the document is written to files, the model computes."""
+    """Robot document made from a Pinocchio model; files contain the document, computations use the model."""
 
     _model: Any = PrivateAttr()
     _flange: str | None = PrivateAttr()
 
     @classmethod
-    def with_model(cls, document: RobotDocument, model: Any, flange: str | None) -> ModelledRobot:  # noqa: ANN401
+    def from_model(cls, document: RobotDocument, model: Any, flange: str | None) -> ModelledRobot:  # noqa: ANN401
         """Return a document with the `pin.Model` from which it was made, and the name of the flange frame."""
         robot = cls.model_validate(dict(document))
         robot._model, robot._flange = model, flange
         return robot
 
-    def with_given_model(self, prepared: PreparedRobot) -> PreparedRobot:
-        """Return a prepared robot that computes with the given model, not with one made from the document."""
+    def replace_model_of(self, prepared: PreparedRobot) -> PreparedRobot:
+        """Return a prepared robot that computes with the Pinocchio model of this object, not with its own."""
         from jointstiff.solver.mechanics.robot import Robot
 
-        known = prepared.robot
-        kept = Robot(self._model, known.joint_map, known.bodies, flange=self._flange)
-        return replace(prepared, robot=kept)
+        old_robot = prepared.robot
+        robot_with_model = Robot(self._model, old_robot.joint_map, old_robot.bodies, flange=self._flange)
+        return replace(prepared, robot=robot_with_model)
 
 
 def prepare_once(document: RobotDocument) -> PreparedRobot:
-    """Return the prepared robot of a document; the last four are cached, for several campaigns on a robot.
+    """Return a robot document prepared for computations; the last four are cached.
 
-    A robot that was given as a Pinocchio model computes with that model.
+    A `ModelledRobot` computes with the Pinocchio model from which it was made.
 
     Raises:
         RobotError: the description of the robot cannot be used.
     """
     prepared = _prepare_cached(document.model_dump_json())
-    return document.with_given_model(prepared) if isinstance(document, ModelledRobot) else prepared
+    return document.replace_model_of(prepared) if isinstance(document, ModelledRobot) else prepared
 
 
 @lru_cache(maxsize=4)
 def _prepare_cached(robot: str) -> PreparedRobot:
+    """Return the robot of a document, the JSON text `robot`, prepared for computations."""
     from jointstiff.service.conversion.prepared import prepare_robot
 
     return prepare_robot(RobotDocument.model_validate_json(robot))
@@ -95,45 +96,45 @@ def robot(
     if isinstance(source, Message | Mapping):
         document = plain_fields(source)
     elif isinstance(source, str | PathLike):
-        document = _robot_of_text(str(source), base, flange)
+        document = _read_robot_fields(str(source), base, flange)
     else:
-        document = _robot_of_object(source, flange, convention, units)
+        document = _make_robot_fields(source, flange, convention, units)
     if joint_map is not None:
         document["joint_map"] = plain_fields(joint_map)
     parsed = parse_document({"name": "robot", **document, **({"name": name} if name else {})}, RobotDocument)
-    return ModelledRobot.with_model(parsed, source, flange) if hasattr(source, "jointPlacements") else parsed
+    return ModelledRobot.from_model(parsed, source, flange) if hasattr(source, "jointPlacements") else parsed
 
 
-def _robot_of_text(text: str, base: str | None, flange: str | None) -> dict[str, Any]:
+def _read_robot_fields(text: str, base: str | None, flange: str | None) -> dict[str, Any]:
     """Return the fields of a robot: from a URDF (its text or file), a robot file, or the name of an arm."""
     if not text.lstrip().startswith("<") and Path(text).suffix.lower() not in {".urdf", ".xml"}:
         return plain_fields(read_robot(text))
-    from jointstiff.service.conversion.arrays import urdf_model
+    from jointstiff.service.conversion.arrays import convert_urdf
 
     is_text = text.lstrip().startswith("<")
     urdf = text if is_text else Path(text).read_text(encoding="utf-8-sig")
     with as_campaign_error("robot"):
-        return {"name": "robot" if is_text else Path(text).stem, "model": urdf_model(urdf, base, flange)}
+        return {"name": "robot" if is_text else Path(text).stem, "model": convert_urdf(urdf, base, flange)}
 
 
-def _robot_of_object(
+def _make_robot_fields(
     source: Any,  # noqa: ANN401 - a model of Pinocchio, or rows
     flange: str | None,
     convention: str | None,
     units: AnyUnits,
 ) -> dict[str, Any]:
     """Return the fields of a robot: from a Pinocchio model, or from rows of Denavit-Hartenberg parameters."""
-    from jointstiff.service.conversion.arrays import dh_model, pinocchio_model, units_of
+    from jointstiff.service.conversion.arrays import convert_dh_rows, convert_pinocchio_model, parse_units
 
     with as_campaign_error("robot"):
         if hasattr(source, "jointPlacements"):  # a Pinocchio model
-            model, bodies = pinocchio_model(source, flange)
+            model, bodies = convert_pinocchio_model(source, flange)
             return {"name": source.name or "robot", "model": model, **({"bodies": bodies} if bodies else {})}
-        return {"model": dh_model(source, convention, units_of(units))}
+        return {"model": convert_dh_rows(source, convention, parse_units(units))}
 
 
 def plain_fields(fields: Message | Mapping[str, Any]) -> dict[str, Any]:
-    """Return fields for JSON: messages become dictionaries, and None is left out."""
+    """Return fields for JSON: of a message those that were set, of a mapping those that are not None."""
     if isinstance(fields, Message):
         return fields.model_dump(mode="json", exclude_unset=True)
     return {

@@ -7,7 +7,7 @@ from types import MethodType
 from typing import TYPE_CHECKING, Any
 
 from jointstiff.service.kinds.rooms import ROOMS
-from jointstiff.service.kinds.verb import verb_of
+from jointstiff.service.kinds.verb import import_verb
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.comparison import verb as of_comparison
@@ -37,4 +37,4 @@ class Verbs:
             kind = next((kind for kind, room in ROOMS.items() if room.command == name), None)
             if kind is None:
                 raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
-            return MethodType(verb_of(kind), self)
+            return MethodType(import_verb(kind), self)

@@ -1,4 +1,4 @@
-"""A campaign while it is measured: its record, and what the record says. No store."""
+"""A campaign that is being measured: the entries of its record, and the state that follows from them."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ from jointstiff.schemas.run import RunResult
 from jointstiff.service.conversion.prepared import PreparedSet, check_set
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.kinds.plan.work import to_design_request
-from jointstiff.service.problems import TakenError
+from jointstiff.service.problems import LabelTakenError
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.live.ahead import Ahead
+from jointstiff.solver.live.ahead import CandidateReadings
 from jointstiff.solver.live.innovation import HeldOut, Innovation
 from jointstiff.solver.live.priors import Standing
-from jointstiff.solver.live.progress import Progress, Taken
+from jointstiff.solver.live.progress import Progress, ReadingsSoFar
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import length_text
 
 MOST_READINGS: Final = 200
-"""Observations of an open set."""
+"""Greatest number of observations of a live campaign."""
 _PRIOR_PHRASES: Final[Mapping[Standing, str]] = {
     "counts": "Prior knowledge counts",
     "deviates": "Prior knowledge does not count, as the readings disagree with it",
@@ -53,25 +53,25 @@ Change = Literal["observation", "withdrawn", "kept", "skipped", "closed"]
 
 @dataclass(frozen=True)
 class Entry:
-    """Entry in the record of a campaign: an observation, or a later decision about an observation."""
+    """Entry in the record of a live campaign: an observation, or a later decision of the user."""
 
     change: Change
-    label: str  # of the observation; empty for the closing of the set
+    label: str  # label of the observation; empty for the entry that closes the campaign
     observation: Observation | None = None
     innovation: Innovation | None = None  # how far the observation was from its prediction
     held_out: HeldOut | None = None  # check by an observation that came when the goal was met
-    reason: str | None = None  # why it was withdrawn
+    reason: str | None = None  # why the observation was withdrawn
     joints: tuple[float, ...] = ()  # posture that was skipped
 
 
 @dataclass(frozen=True, eq=False)
-class Declared:
-    """Declaration of a campaign, made before its first reading."""
+class Declaration:
+    """Declaration of a live campaign, made before its first reading."""
 
     robot: Robot
     header: live.MeasurementSetPost  # units, noise, frame, goal and equipment; without observations
     resolved: ResolvedFrame | None = None  # transform from the frame of the readings to R0
-    noticed: Sequence[Finding] = ()  # findings about the frame
+    frame_findings: Sequence[Finding] = ()  # findings about this frame
 
     @cached_property
     def options(self) -> live.LiveOptions:
@@ -81,8 +81,8 @@ class Declared:
         return self.header.open
 
     @cached_property
-    def ahead(self) -> Ahead:
-        """Candidates of the readings that are still to be taken, from goal, equipment and robot.
+    def ahead(self) -> CandidateReadings:
+        """Planner of the next readings: candidate postures and loads, from goal, equipment and robot.
 
         Raises:
             RequestError: work area, load point, targets or loads are missing; a prior names an unknown joint
@@ -101,12 +101,13 @@ class Declared:
             self.robot.joint_index(name, f"open.priors.{name}")
         if isinstance(options.load, OwnWeight) and options.priors:
             raise RequestError(
-                "measurements by the robot's own weight cannot use priors",
+                "a campaign under the robot's own weight cannot use prior knowledge of stiffness (`priors`)",
                 where="open.priors",
                 remedy="omit `priors`, or measure with a load",
             )
         expected = {name: prior.stiffness for name, prior in options.priors.items()}
-        stated["stiffness"] = expected | options.stiffness  # a prior has to be tested before it counts
+        # Priors serve here only as expected stiffness: a prior is used as knowledge after it has been tested.
+        stated["stiffness"] = expected | options.stiffness
         noise = header.noise.sigma if header.noise is not None else None
         request = to_design_request(
             PlanRequest.model_validate({**stated, "robot_id": header.robot_id}),
@@ -124,10 +125,10 @@ class Declared:
                 "its unit",
             )
         force = None if isinstance(options.goal, JointsGoal) else options.goal.force
-        return Ahead.of(self.robot, request, None if force is None else np.array(force))
+        return CandidateReadings.from_request(self.robot, request, None if force is None else np.array(force))
 
     def document(self, observations: Sequence[Observation]) -> MeasurementSetDocument:
-        """Return a measurement set of some observations, without validation: they were checked on arrival."""
+        """Return a measurement set of observations, without validation: each was checked on arrival."""
         fields = {name: getattr(self.header, name) for name in MeasurementSetDocument.model_fields}
         return MeasurementSetDocument.model_construct(**{**fields, "observations": list(observations)})
 
@@ -137,39 +138,39 @@ class Declared:
         Raises:
             MeasurementError: an observation cannot be right.
         """
-        document, noticed = self.document(observations), list(self.noticed)
-        return check_set(document, self.robot, self.resolved, noticed, robot_id=self.header.robot_id)
+        document, findings = self.document(observations), list(self.frame_findings)
+        return check_set(document, self.robot, self.resolved, findings, robot_id=self.header.robot_id)
 
 
 @dataclass(frozen=True, eq=False)
 class LiveCampaign:
     """A campaign with the entries of its record so far. It is immutable: a change returns a new campaign."""
 
-    declared: Declared
+    declared: Declaration
     entries: tuple[Entry, ...] = ()
-    of_label: Mapping[str, Entry] = field(init=False)  # label → entry of the observation
+    entry_by_label: Mapping[str, Entry] = field(init=False)  # label → entry of the observation
 
     def __post_init__(self) -> None:
         named = {entry.label: entry for entry in self.entries if entry.change == "observation"}
-        object.__setattr__(self, "of_label", named)
+        object.__setattr__(self, "entry_by_label", named)
 
     def with_entry(self, entry: Entry) -> LiveCampaign:
-        """Return the campaign with one more entry; an entry that it has already is not added again."""
+        """Return the campaign with one more entry; an entry object in the record is not added again."""
         if any(entry is each for each in self.entries):
             return self
         return LiveCampaign(self.declared, (*self.entries, entry))
 
     def _entries_by_label(self, change: Change) -> dict[str, Entry]:
-        """Return the entries of one kind of change by the labels of their observations."""
+        """Return label → entry, for the entries of one kind of change."""
         return {entry.label: entry for entry in self.entries if entry.change == change}
 
     @property
     def observations(self) -> list[Observation]:
-        """Observations that count: all that were not withdrawn, in the order in which they came."""
+        """Observations in use: all that were not withdrawn, in the order of their arrival."""
         withdrawn = self._entries_by_label("withdrawn")
         return [
             entry.observation
-            for label, entry in self.of_label.items()
+            for label, entry in self.entry_by_label.items()
             if label not in withdrawn and entry.observation is not None
         ]
 
@@ -178,22 +179,22 @@ class LiveCampaign:
         """True once the set is closed and takes no more readings."""
         return bool(self._entries_by_label("closed"))
 
-    def judged(self, observation: Observation) -> Entry:
-        """Return the entry of an observation; a new observation is compared with its prediction.
+    def compare_with_prediction(self, observation: Observation) -> Entry:
+        """Return the entry for an observation, with its difference from the prediction if it is new.
 
-        The prediction is that of the observations that count so far; the first observation has none.
+        The prediction is made from the earlier observations in use; the first observation has none.
 
         Raises:
-            TakenError: the set has a different observation of this label.
+            LabelTakenError: the set has a different observation with this label.
             RequestError: the set has `MOST_READINGS` observations already.
             MeasurementError: the observation cannot be right.
         """
-        known = self.of_label.get(observation.label)  # sent again, if it is the same observation
+        known = self.entry_by_label.get(observation.label)  # sent again, if it is the same observation
         if known is not None and known.observation != observation:
-            raise TakenError(observation.label)
+            raise LabelTakenError(observation.label)
         if known is not None:
             return known
-        if len(self.of_label) >= MOST_READINGS:
+        if len(self.entry_by_label) >= MOST_READINGS:
             raise RequestError(
                 f"an open set takes {MOST_READINGS} observations at most",
                 where="label",
@@ -203,63 +204,67 @@ class LiveCampaign:
         prepared = self.declared.prepared([*before, observation])
         if not before:
             return Entry("observation", observation.label, observation)
-        found, last = self.progress.judge(prepared.measurements)
-        return Entry("observation", observation.label, observation, found, last)
+        innovation, held_out = self.progress.compare_reading(prepared.measurements)
+        return Entry("observation", observation.label, observation, innovation, held_out)
 
     @cached_property
     def _prepared(self) -> PreparedSet | None:
-        """The observations that count, prepared for computation; None without observations."""
+        """The observations in use, prepared for computation; None if there are no observations."""
         observations = self.observations
         return self.declared.prepared(observations) if observations else None
 
     @cached_property
     def progress(self) -> Progress:
-        """Progress of the readings so far towards the goal; raises the errors of `Declared.ahead`."""
+        """Progress of the readings so far towards the goal; raises the errors of `Declaration.ahead`."""
         options, observations, prepared = self.declared.options, self.observations, self._prepared
-        taken = Taken(
+        record = ReadingsSoFar(
             measurements=None if prepared is None else prepared.measurements,
             noticed=() if prepared is None else tuple(prepared.warnings),
-            judged={label: entry.innovation or Innovation() for label, entry in self.of_label.items()},
+            judged={label: entry.innovation or Innovation() for label, entry in self.entry_by_label.items()},
             withdrawn=frozenset(self._entries_by_label("withdrawn")),
             kept=frozenset(self._entries_by_label("kept")),
             skipped=tuple(entry.joints for entry in self.entries if entry.change == "skipped"),
-            check=self.of_label[observations[-1].label].held_out if observations else None,
+            check=self.entry_by_label[observations[-1].label].held_out if observations else None,
         )
         weight = options.load if isinstance(options.load, OwnWeight) else None
-        return Progress(self.declared.ahead, options.goal, taken, options.priors, weight)
+        return Progress(self.declared.ahead, options.goal, record, options.priors, weight)
 
     @property
     def run_options(self) -> dict[str, Any]:
         """Options of the run that identifies the set: `weight` for readings without a load, and `priors`."""
-        return {"weight": self.progress.weight, "priors": self.progress.counting_priors}
+        return {"weight": self.progress.weight, "priors": self.progress.priors_in_use}
 
     def state(self, measurement_set_id: str | None = None, run_id: str | None = None) -> live.LiveState:
-        """Return the state of the campaign and the next reading, and the ids of set and run after closing."""
-        progress, result = self.progress, self.progress.result
+        """Return the state of the campaign with the next reading.
+
+        After the campaign was closed, the arguments are the ids of its measurement set and of its run.
+        """
+        progress = self.progress
+        result = progress.result
         state, message = self._state_and_message()
-        over = state in {"reached", "closed"}
+        is_over = state in {"reached", "closed"}
         share = progress.share if self.observations else None
-        known = share is not None and np.isfinite(share.greatest_share)
+        is_known = share is not None and np.isfinite(share.greatest_share)
         return live.LiveState(
             revision=len(self.entries),
             state=state,
             message=message,
             goal=describe_goal(self.declared.options),
-            share=share.greatest_share if share is not None and known else None,
-            still_needed=0 if over else progress.still_needed,
+            share=share.greatest_share if share is not None and is_known else None,
+            still_needed=0 if is_over else progress.still_needed,
             readings=self._list_readings(),
             joints=progress.joints(),
-            deflection_uncertainty=share.uncertainty if share is not None and known else None,
-            greatest_deflection=share.greatest if share is not None and known else None,
+            deflection_uncertainty=share.uncertainty if share is not None and is_known else None,
+            greatest_deflection=share.greatest if share is not None and is_known else None,
             assessment=result.assessment if isinstance(result, RunResult) else None,
-            next=None if over else self.next_reading(),
+            next=None if is_over else self.next_reading(),
             warnings=list(progress.taken.noticed),
             measurement_set_id=measurement_set_id,
             run_id=run_id,
         )
 
     def _state_and_message(self) -> tuple[Literal["measuring", "reached", "cannot", "closed"], str]:
-        """Return the state of the campaign as a word, and a sentence for people about it."""
+        """Return the state of the campaign, and a sentence that explains the state to people."""
         count = len(self.observations)
         read = "1 reading" if count == 1 else f"{count} readings"
         return ("closed", f"closed after {read}") if self.closed else self.progress.state()
@@ -272,8 +277,8 @@ class LiveCampaign:
         return PlannedReading(
             label=next(
                 label
-                for label in map("m{:02d}".format, count(1 + len(self.of_label)))
-                if label not in self.of_label
+                for label in map("m{:02d}".format, count(1 + len(self.entry_by_label)))
+                if label not in self.entry_by_label
             ),
             joints=following.joints.tolist(),
             force=tuple(following.force.tolist()),
@@ -282,14 +287,14 @@ class LiveCampaign:
             reason=self.progress.reason_of_next,
         )
 
-    def entries_of(self, change: SetChange) -> list[Entry]:
+    def entries_for_change(self, change: SetChange) -> list[Entry]:
         """Return new entries for a change that withdraws or keeps observations, or skips the next posture.
 
         Raises:
             RequestError: the set has no such observation, or the posture to skip is not the next one.
         """
         named = [*change.withdrawn, *change.kept]
-        unknown = next((label for label in named if label not in self.of_label), None)
+        unknown = next((label for label in named if label not in self.entry_by_label), None)
         if unknown is not None:
             raise RequestError(
                 f"the set has no observation '{unknown}'",
@@ -311,15 +316,15 @@ class LiveCampaign:
             entries.append(Entry("skipped", f"{following.label}/{number}", joints=tuple(following.joints)))
         return entries
 
-    def closing(self) -> dict[str, object]:
+    def fields_when_closed(self) -> dict[str, object]:
         """Return the fields of the ordinary measurement set that the open set becomes when it is closed.
 
         Raises:
-            RequestError: the set has no observation that counts.
+            RequestError: the set has no observation in use.
         """
         if not self.observations:
             raise RequestError(
-                "the set has no reading that counts",
+                "the set has no reading to identify: none was sent, or all were withdrawn",
                 where="close",
                 remedy="send observations, or delete the open set",
             )
@@ -329,21 +334,21 @@ class LiveCampaign:
         return fields | {"observations": self.observations, "notes": notes}
 
     def _list_readings(self) -> list[live.LiveReading]:
-        """Return all readings with their states: counts, doubtful or withdrawn."""
+        """Return all readings with their states: `counts` (in use), `doubtful` or `withdrawn`."""
         withdrawn, doubtful = self._entries_by_label("withdrawn"), self.progress.doubtful
         return [
             live.LiveReading(
                 label=label,
                 state="withdrawn" if label in withdrawn else "doubtful" if label in doubtful else "counts",
                 reason=withdrawn[label].reason if label in withdrawn else None,
-                **vars(self.progress.found(label)),
+                **vars(self.progress.find_comparison(label)),
                 ball_ratio=None if entry.held_out is None else entry.held_out.ball_ratio,
             )
-            for label, entry in self.of_label.items()
+            for label, entry in self.entry_by_label.items()
         ]
 
     def summary(self) -> str:
-        """Return lines for the report: the goal, how the campaign ended, and readings withdrawn or kept."""
+        """Return lines for the report: goal, outcome, check reading, priors, readings withdrawn or kept."""
         readings = self._list_readings()
         lines = [f"Measured live. Declared goal: {describe_goal(self.declared.options)}."]
         open_entries = tuple(entry for entry in self.entries if entry.change != "closed")

@@ -21,7 +21,7 @@ from jointstiff.schemas.plan import (
     PlannedLoad,
 )
 from jointstiff.service.conversion.prepared import PreparedRobot, prepare_set
-from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, goal_of_text
+from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, parse_goal_text
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.mechanics.block import targets_in_flange
 from jointstiff.solver.mechanics.measurements import Measurements
@@ -34,19 +34,20 @@ SI: Final = Units(length="m", angle="rad", force="N")
 """Units of a campaign that begins with a robot."""
 
 
-def goal_of(goal: str | Goal | Mapping[str, Any], force: Vector3 | None = None) -> Goal:
-    """Return the goal that words state: `15 %` of every joint, `6 um` of the deflection, or `below 0.5 mm`.
+def read_goal(goal: str | Goal | Mapping[str, Any], force: Vector3 | None = None) -> Goal:
+    """Return a goal as a message, read from words, from a document or from a message.
 
     Args:
-        goal: words, a document, or a goal, which is returned as it is.
-        force: force in the work area, axes of R0 [N]; None for the force of the load.
+        goal: words: `15 %` (of each stiffness), `6 um` (of the deflection) or `below 0.5 mm`; or a document,
+            or a message, which is returned unchanged.
+        force: force for which the deflection is predicted, axes of R0 [N]; None for the force of the load.
 
     Raises:
         RequestError: the words state no known goal.
     """
     if isinstance(goal, Message):
         return goal
-    document = dict(goal) if isinstance(goal, Mapping) else goal_of_text(goal)
+    document = dict(goal) if isinstance(goal, Mapping) else parse_goal_text(goal)
     if force is not None and document.get("kind") != "joints":
         document.setdefault("force", force)
     return LiveOptions.model_validate({"goal": document}).goal
@@ -54,40 +55,40 @@ def goal_of(goal: str | Goal | Mapping[str, Any], force: Vector3 | None = None) 
 
 @dataclass(frozen=True)
 class Scales:
-    """Sizes of a set's units, by which numbers in SI units are divided."""
+    """Sizes of a measurement set's units in SI units; a number in SI units is divided by the size."""
 
     length: float  # [m]
     force: float  # [N]
-    joints: tuple[float, ...]  # of each joint [rad or m]
+    joints: tuple[float, ...]  # size of the unit of each joint [rad or m]
 
     @classmethod
-    def of(cls, units: Units, robot: Robot) -> Scales:
-        """Return the sizes in SI units of a set's units; a prismatic joint has the unit of length."""
+    def from_units(cls, units: Units, robot: Robot) -> Scales:
+        """Return the sizes of units for a robot; its prismatic joints have the unit of length."""
         length, angle = LENGTH[units.length], ANGLE[units.angle]
         return cls(length, FORCE[units.force], tuple(np.where(robot.prismatic, length, angle).tolist()))
 
 
-def declared(
+def declare_set(
     robot: PreparedRobot,
     campaign: MeasurementSetDocument | None,
     goal: Goal,
     options: Mapping[str, Any],
     weight: OwnWeight | None = None,
 ) -> OpenPost:
-    """Return an open set for a goal, without the id of its robot.
+    """Return the declaration of a live campaign for a goal; its `robot_id` is only the placeholder `robot`.
 
     Args:
         robot: robot to measure.
         campaign: earlier campaign; its loads, targets, noise and load point are used where `options` state
             none, and for a goal about deflections the box around its load points is the work area. Its
-            readings do not count.
-        goal: goal of the open set.
+            readings are not used otherwise.
+        goal: goal of the live campaign.
         options: fields of `LiveOptions` in SI units; `sigma` is the noise of the readings [m].
         weight: own weight with which the campaign was identified; None if it was measured with loads.
 
     Raises:
         MeasurementError: the campaign cannot be used.
-        RequestError: something is missing.
+        RequestError: the options are not complete.
     """
     stated = {name: value for name, value in options.items() if value is not None}
     header: dict[str, Any] = {"units": SI, "encoders": "motor"}
@@ -95,7 +96,7 @@ def declared(
         kept = set(MeasurementSetHeader.model_fields) & campaign.model_fields_set
         header = {name: getattr(campaign, name) for name in kept}
         measurements = prepare_set(campaign, robot, "robot").measurements
-        stated = _equipment_of(robot.robot, measurements, goal, weight) | stated
+        stated = _derive_live_options(robot.robot, measurements, goal, weight) | stated
     sigma = stated.get("sigma")
     noise: Noise | None = header.get("noise")
     if sigma is not None:
@@ -108,17 +109,19 @@ def declared(
     header["name"] = f"measured live: {robot.document.name}"[:200]
     options_of_set = LiveOptions.model_validate({**stated, "goal": goal})
     post = OpenPost.model_validate({**header, "robot_id": "robot", "open": options_of_set})
-    return completed(post, options_of_set)
+    return complete_targets_and_load_point(post, options_of_set)
 
 
-def completed(post: OpenPost, options: LiveOptions) -> OpenPost:
-    """Return an open set whose targets and load point are stated in the set (its unit) and in options [m].
+def complete_targets_and_load_point(post: OpenPost, options: LiveOptions) -> OpenPost:
+    """Return the declaration of a live campaign with targets and load point in both of their places.
 
     Args:
-        post: the set; its `flange_targets` and `load_point` are copied to options that state none.
-        options: options of the set; their load point is copied to a set that states none.
+        post: declaration, in units of its own; its `flange_targets` and `load_point` are copied to the
+            options [m] if they have none.
+        options: live options of the declaration; their load point [m] is copied to `post` if it has none.
     """
-    length, missing = LENGTH[post.units.length], dict[str, Any]()
+    length = LENGTH[post.units.length]
+    missing = dict[str, Any]()
     if not options.targets:
         missing["targets"] = {
             name: (length * x, length * y, length * z) for name, (x, y, z) in post.flange_targets.items()
@@ -132,28 +135,33 @@ def completed(post: OpenPost, options: LiveOptions) -> OpenPost:
     return post.model_copy(update={"load_point": point, "open": options.model_copy(update=missing)})
 
 
-def _equipment_of(
+def _derive_live_options(
     robot: Robot, measurements: Measurements, goal: Goal, weight: OwnWeight | None
 ) -> dict[str, Any]:
-    """Return options of an open set from a campaign: load, targets, load point, and work area if needed.
+    """Derive live options from an earlier campaign: load, targets, load point and work area.
 
-    The load is a dead weight if all forces point down. Targets nearer than 1 µm to each other are one target.
+    The load is a dead weight if all forces point down, and the own weight if all forces are zero. Targets
+    nearer than 1 µm to each other are one target. Goals for joints need no work area.
     """
-    m, size = measurements, np.linalg.norm(measurements.force, axis=1)  # size of each force [N]
+    m = measurements
+    size = np.linalg.norm(measurements.force, axis=1)  # (N,) [N]
     places = targets_in_flange(robot, m)
     unique = np.sort(np.unique(np.round(places, 6), axis=0, return_index=True)[1])
-    taken: dict[str, Any] = {"targets": {m.targets[t]: tuple(places[t].tolist()) for t in unique}}
+    options: dict[str, Any] = {"targets": {m.targets[t]: tuple(places[t].tolist()) for t in unique}}
     strongest = float(size.max())
     if strongest == 0.0:
-        return taken | {"load": weight or OwnWeight()}
+        return options | {"load": weight or OwnWeight()}
     down = bool((m.force[:, 2] <= _DOWN * size).all())
     load: PlannedLoad = AnyDirection(kind="any_direction", force=strongest)
     if down:
         load = DeadWeight(kind="dead_weight", force=strongest)
-    taken |= {"load": load, "load_point": tuple(m.load_point[int(np.argmax(size))].tolist())}
+    options |= {"load": load, "load_point": tuple(m.load_point[int(np.argmax(size))].tolist())}
     if not isinstance(goal, JointsGoal):
         loaded = m.load_point[size > 0.0][:, None]
-        now = Postures(robot, robot.joint_map.model_angles(m.joints[size > 0.0]))
-        spots: FloatArray = now.to_base(loaded)[:, 0]
-        taken["work_area"] = (tuple(spots.min(axis=0).tolist()), tuple(spots.max(axis=0).tolist()))
-    return taken
+        loaded_postures = Postures(robot, robot.joint_map.model_angles(m.joints[size > 0.0]))
+        load_places: FloatArray = loaded_postures.to_base(loaded)[:, 0]
+        options["work_area"] = (
+            tuple(load_places.min(axis=0).tolist()),
+            tuple(load_places.max(axis=0).tolist()),
+        )
+    return options

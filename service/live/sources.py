@@ -1,9 +1,10 @@
 """Sources of readings: simulated arms, lines of text, RoboDK; others by entry points.
 
-A source is one class. It is made with the text behind its name, `lines:tcp://host:port`, and has one method
-that must be there: ``async def point(name)`` returns the position of a target [m], in R0 or in the frame that
-the campaign states, and its standard uncertainty, or None for the campaign's. `Source` has the others, and
-the entry points `jointstiff.sources` name such classes of other packages.
+A source is a class whose constructor takes the address, which is the text after the name of the source:
+`tcp://host:port` in `lines:tcp://host:port`. One method is required: ``async def point(name)`` returns the
+position of a target [m], in R0 or in the frame that the campaign states, and its standard uncertainty [m], or
+None for that of the campaign. `Source` defines the optional methods; the entry points `jointstiff.sources`
+name source classes of other packages.
 """
 
 from __future__ import annotations
@@ -37,17 +38,17 @@ Place = tuple[float, float, float]
 Point = tuple[Place, float | None]
 """Position of a target [m] and its standard uncertainty [m]; None for that of the campaign."""
 GROUP: Final = "jointstiff.sources"
-"""Entry points: name of a source, and its class."""
+"""Group of the entry points that name sources of other packages and their classes."""
 PATIENCE: Final = 30.0
-"""Time after which a source that sends nothing has stopped [s]."""
+"""Time after which a source that sends nothing counts as stopped [s]."""
 _FARTHEST: Final = 100.0
-"""Coordinate beyond which a position is rubbish [m]."""
+"""Greatest plausible coordinate of a position [m]."""
 _ASTRAY: Final = 0.1
-"""Distance of an unloaded target from where the robot holds it, beyond which the source has jumped [m]."""
+"""Greatest plausible distance of an unloaded target from its position by the robot's kinematics [m]."""
 _STRETCH: Final = 0.01
-"""Difference of two targets' distance from that on the flange, beyond which one of them is another [m]."""
+"""Greatest plausible difference between the measured distance of two targets and that on the flange [m]."""
 _LARGEST_DEFLECTION: Final = 0.05
-"""Distance of a loaded target from the unloaded one, beyond which the source has jumped [m]."""
+"""Greatest plausible distance of a target under load from its position without load [m]."""
 
 
 class SourceError(ServiceError):
@@ -56,11 +57,11 @@ class SourceError(ServiceError):
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """Campaign for which a source reads: robot, targets, load point and frame."""
+    """Facts of a campaign that a source may need: robot, targets, load point, noise and frame."""
 
     robot: Robot
-    targets: Mapping[str, Place]  # places in the flange frame [m]
-    load_point: Place  # flange frame [m]
+    targets: Mapping[str, Place]  # name → position in the flange frame [m]
+    load_point: Place  # in the flange frame [m]
     sigma: float  # standard uncertainty of a coordinate [m]
     #: rotation (3, 3) and translation (3,) [m] from the frame of the readings to R0
     frame: tuple[FloatArray, FloatArray] = field(default_factory=lambda: (np.eye(3), np.zeros(3)))
@@ -79,9 +80,9 @@ class Stand:
     """Posture and load in which targets are read next."""
 
     label: str
-    joints: tuple[float, ...]  # as the controller shows them [rad or m]
+    joints: tuple[float, ...]  # joint values as the controller shows them [rad or m]
     force: Place  # force of the posture's load, axes of R0 [N]
-    loaded: bool  # whether the load acts now
+    loaded: bool  # True if the load acts
 
 
 class Source(ABC):
@@ -116,8 +117,8 @@ class Source(ABC):
         """Release connections and devices."""
 
 
-def source_of(text: str, options: Mapping[str, Any]) -> Source:
-    """Make the source that a text such as `simulated:1` names; options that are None are left out.
+def make_source(text: str, options: Mapping[str, Any]) -> Source:
+    """Make a source from a text `NAME:ADDRESS`, such as `simulated:1`; options that are None are ignored.
 
     Raises:
         RequestError: no source has this name, or the source does not take an option.
@@ -129,7 +130,7 @@ def source_of(text: str, options: Mapping[str, Any]) -> Source:
         named = {entry.name: entry for entry in entry_points(group=GROUP)}
         if name not in named:
             raise RequestError(
-                f"there is no source '{name}'",
+                f"no source of readings has the name '{name}'",
                 where="source",
                 remedy=f"give one of {', '.join(sorted({*known, *named}))}, such as simulated:1",
             )
@@ -146,7 +147,7 @@ def source_of(text: str, options: Mapping[str, Any]) -> Source:
     return source
 
 
-class Checked:
+class CheckedSource:
     """A source whose readings are checked before they count; an implausible reading raises an error."""
 
     def __init__(self, source: Any, setting: Setting, patience: float = PATIENCE) -> None:  # noqa: ANN401
@@ -155,51 +156,54 @@ class Checked:
         `patience` is the time to wait for each answer of the source [s].
         """
         self._source, self._setting, self._patience = source, setting, patience
-        self._seen: set[Place] = set()
-        self._stand: Stand | None = None  # announced to the source, and not read yet
-        self._unloaded: dict[str, FloatArray] = {}
+        self._seen: set[Place] = set()  # all positions read before
+        self._stand: Stand | None = None  # posture and load announced to the source, and not read yet
+        self._unloaded: dict[str, FloatArray] = {}  # target → last position without load (3,) [m]
 
     async def open(self) -> None:
         """Get the source ready."""
-        await self._call_if_there("open", self._setting)
+        await self._call_if_defined("open", self._setting)
 
     async def profile(self, stand: Stand) -> str | None:
-        """Announce a posture; return how readings are understood, for a user to confirm, or None."""
-        await self._call_if_there("stand", stand)
+        """Announce a posture to the source; return its description of how readings are read, or None.
+
+        The user is to confirm the description.
+        """
+        await self._call_if_defined("stand", stand)
         self._stand = stand
-        profile: str | None = await self._call_if_there("profile")
+        profile: str | None = await self._call_if_defined("profile")
         return profile
 
     async def close(self) -> None:
         """Let the source release its connections; its errors are ignored."""
         with suppress(SourceError):
-            await self._call_if_there("close")
+            await self._call_if_defined("close")
 
     async def read(self, stand: Stand) -> dict[str, Point]:
-        """Read all targets in a posture, with or without load; return target → position and uncertainty [m].
+        """Read all targets in a posture, with or without load; return target → (position, uncertainty) [m].
 
         Raises:
-            SourceError: the source has stopped, repeats itself, jumped, or sent what is no reading.
+            SourceError: the source has stopped, or sent a position that cannot be right.
         """
         if self._stand != stand:
-            await self._call_if_there("stand", stand)
+            await self._call_if_defined("stand", stand)
         self._stand = None  # a second reading in this posture is announced to the source again
         points: dict[str, Point] = {}
         for name in self._setting.targets:
-            points[name] = point = await self._require_reading(name)
+            points[name] = point = await self._read_target(name)
             self._refuse_implausible(stand, name, np.array(point[0]), points)
         places = {name: np.array(place) for name, (place, _) in points.items()}
         self._seen |= {place for place, _ in points.values()}
         self._unloaded = {} if stand.loaded else places
         return points
 
-    async def _call_if_there(self, what: str, *arguments: object) -> Any:  # noqa: ANN401 - whatever a source answers
-        """Call a method of the source by name and return its answer; None if the source lacks the method.
+    async def _call_if_defined(self, method_name: str, *arguments: object) -> Any:  # noqa: ANN401 - whatever a source answers
+        """Call a method of the source and return its answer; None if the source lacks the method.
 
         Raises:
             SourceError: the source does not answer in time, or cannot be reached.
         """
-        method = getattr(self._source, what, None)
+        method = getattr(self._source, method_name, None)
         if method is None:
             return None
         try:
@@ -219,13 +223,13 @@ class Checked:
             remedy="check the instrument and its cable, then read again",
         )
 
-    async def _require_reading(self, name: str) -> Point:
+    async def _read_target(self, name: str) -> Point:
         """Read a target from the source; return its position and uncertainty [m] as numbers.
 
         Raises:
             SourceError: the source's answer cannot be the position of a target.
         """
-        answer = await self._call_if_there("point", name)
+        answer = await self._call_if_defined("point", name)
         try:
             place, sigma = answer
             x, y, z = (float(part) for part in place)
@@ -246,15 +250,15 @@ class Checked:
     def _refuse_implausible(
         self, stand: Stand, name: str, place: FloatArray, points: Mapping[str, Point]
     ) -> None:
-        """Compare the position (3,) [m] of a target with earlier readings, the flange and the posture.
+        """Refuse a position (3,) [m] of a target that earlier readings, the flange or the posture contradict.
 
         Raises:
-            SourceError: the position repeats an earlier reading, or is too far from where it must be.
+            SourceError: the position repeats an earlier reading, or is too far from the expected position.
         """
         others = {other: point for other, (point, _) in points.items() if other != name}
         if points[name][0] in self._seen.union(others.values()):
             raise SourceError(
-                f"{name}: the source repeats an earlier reading, digit by digit",
+                f"{name}: the source sent exactly the same position as in an earlier reading",
                 remedy="check that the instrument still measures, then read again",
             )
         setting, flange = self._setting, {n: np.array(p) for n, p in self._setting.targets.items()}
@@ -263,8 +267,8 @@ class Checked:
             measured = float(np.linalg.norm(place - there))
             if abs(measured - on_flange) > _STRETCH:
                 raise SourceError(
-                    f"the source has jumped: {name} is {1e3 * measured:.0f} mm from {other}, and "
-                    f"{1e3 * on_flange:.0f} mm on the flange",
+                    f"the source has jumped: {name} is {1e3 * measured:.0f} mm from {other}, but "
+                    f"the targets are {1e3 * on_flange:.0f} mm apart on the flange",
                     remedy="check which target the instrument sees, then read again",
                 )
         if stand.loaded:
@@ -272,7 +276,7 @@ class Checked:
             moved = 0.0 if before is None else float(np.linalg.norm(place - before))
             if moved > _LARGEST_DEFLECTION:
                 raise SourceError(
-                    f"the source has jumped: {name} is {1e3 * moved:.0f} mm from where it was without load",
+                    f"the source has jumped: {name} is {1e3 * moved:.0f} mm from its position without load",
                     remedy="check that the arm is still in the posture, then read again",
                 )
             return
@@ -281,18 +285,19 @@ class Checked:
         astray = float(np.linalg.norm(setting.to_base(place) - expected))
         if astray > _ASTRAY:
             raise SourceError(
-                f"the source has jumped: {name} is {astray:.3g} m from where the robot holds it",
+                f"the source has jumped: {name} is {astray:.3g} m from the "
+                "position where the robot must hold it",
                 remedy="check the posture, and the frame and the unit of the readings, then read again",
             )
 
 
 _STIFFEST: Final = 3e6
-"""Stiffness of a joint at the base of an arm of the reach below [N·m/rad]."""
+"""Stiffness of the base joint of a simulated arm with the reach `_REACH` [N·m/rad]."""
 _REACH: Final = 2.8
-"""Reach of such an arm [m]."""
+"""Reach of an arm whose base joint has the stiffness `_STIFFEST` [m]."""
 _SHORTEST_LEVER: Final = 0.15
-"""Distance of a joint from the load over the reach, below which a joint becomes no softer."""
-_SLIDE: Final = 1e8
+"""Least ratio of a joint's lever (distance from the flange) to the reach that is used for its stiffness."""
+_LINEAR_STIFFNESS: Final = 1e8
 """Stiffness of a linear axis [N/m]."""
 _SPREAD: Final = 0.35
 """Standard deviation of the logarithm of a stiffness."""
@@ -304,16 +309,16 @@ class Simulated(Source):
     by_itself = True
 
     def __init__(self, address: str = "") -> None:
-        """Seed the random stiffnesses and the noise by the address; an empty address is the seed 1.
+        """Use the address as the seed of stiffnesses and noise; an empty address is the seed 1.
 
         Raises:
             RequestError: the address is not a whole number.
         """
         if not (address or "1").isdecimal():
             raise RequestError(
-                f"'{address}' is not a seed of a simulated arm",
+                f"the seed of a simulated arm must be a whole number, not '{address}'",
                 where="source",
-                remedy="give a whole number, as in simulated:1",
+                remedy="give a number such as in simulated:1",
             )
         self._random = np.random.default_rng(int(address or 1))
 
@@ -321,7 +326,7 @@ class Simulated(Source):
         """Draw random stiffnesses of the joints of the campaign's robot."""
         robot = setting.robot
         self._setting = setting
-        self.stiffness: FloatArray = plausible_stiffness(robot, self._random)  # (n,) [N·m/rad or N/m]
+        self.stiffness: FloatArray = draw_plausible_stiffness(robot, self._random)  # (n,) [N·m/rad or N/m]
         bounds = Constraints(Bounds.positive(robot.n))
         self._model = JointModel(robot, 1.0 / self.stiffness, None, bounds)
 
@@ -334,16 +339,16 @@ class Simulated(Source):
         names, setting = list(self._setting.targets), self._setting
         count = len(names)
 
-        def rows(values: object) -> FloatArray:
-            """Repeat values (m,) in a row for each target (T, m)."""
+        def repeat_for_targets(values: object) -> FloatArray:
+            """Return values (m,) repeated in T rows (T, m), one for each target."""
             return np.tile(np.asarray(values, dtype=np.float64), (count, 1))
 
         force = stand.force if stand.loaded else (0.0, 0.0, 0.0)
         cases = LoadCases(
-            joints=rows(stand.joints),
-            force=rows(force),
+            joints=repeat_for_targets(stand.joints),
+            force=repeat_for_targets(force),
             moment=np.zeros((count, 3)),
-            load_point=rows(setting.load_point),
+            load_point=repeat_for_targets(setting.load_point),
             place=np.array([setting.targets[name] for name in names], dtype=np.float64),
         )
         try:
@@ -359,8 +364,8 @@ class Simulated(Source):
         return (x, y, z), None
 
 
-def plausible_stiffness(robot: Robot, random: np.random.Generator) -> FloatArray:
-    """Draw stiffnesses (n,) such as arms of this size have [N·m/rad, N/m of a prismatic joint].
+def draw_plausible_stiffness(robot: Robot, random: np.random.Generator) -> FloatArray:
+    """Draw random stiffnesses (n,) typical of arms of this size [N·m/rad, N/m of a prismatic joint].
 
     The stiffness grows with the square of the joint's distance from the flange, so that all joints move the
     tool by similar lengths, and with the cube of the arm's size. Each is multiplied by a lognormal factor.
@@ -372,7 +377,7 @@ def plausible_stiffness(robot: Robot, random: np.random.Generator) -> FloatArray
     levers = np.maximum(np.cumsum(steps[::-1])[::-1], 1e-3)
     reach = float(levers.max())
     turning = _STIFFEST * (reach / _REACH) ** 3 * np.maximum(levers / reach, _SHORTEST_LEVER) ** 2
-    usual = np.where(robot.prismatic, _SLIDE * reach / _REACH, turning)
+    usual = np.where(robot.prismatic, _LINEAR_STIFFNESS * reach / _REACH, turning)
     return np.asarray(usual * np.exp(_SPREAD * random.standard_normal(robot.n)))
 
 
@@ -385,23 +390,23 @@ _USUAL: Final = (
     + rf"(?P<x>{_CELL}){_SEPARATOR}(?P<y>{_CELL}){_SEPARATOR}(?P<z>{_CELL})"
 )
 """Three coordinates, or a target and three coordinates."""
-_RUBBISH: Final = 20
-"""Lines in a row that are no readings, after which a source is given up."""
+_MOST_USELESS_LINES: Final = 20
+"""Number of lines without a reading after which reading from a source fails."""
 _LONGEST_LINE: Final = 65_536
 _KEPT_LINES: Final = 1_000
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Form of a line of text, and its unit."""
+    """Format of a line of text with a reading, and the unit of its lengths."""
 
-    pattern: re.Pattern[str]  # with groups x, y, z, and target, sigma if they are there
-    how: str  # words for people about how a line is read
+    pattern: re.Pattern[str]  # with the groups x, y, z; the groups target and sigma are optional
+    how: str  # phrase for people about the format, such as "as columns target, x, y, z"
     unit: str  # of lengths
 
     @classmethod
-    def of(cls, pattern: str | None, columns: str | None, unit: str) -> Profile:
-        """Return the profile for a regular expression or for names of columns; else that of usual lines.
+    def from_options(cls, pattern: str | None, columns: str | None, unit: str) -> Profile:
+        """Return the profile for a regular expression or names of columns, else for lines `[target] x y z`.
 
         Raises:
             RequestError: x, y and z are not named, both are given, or the unit is unknown.
@@ -418,7 +423,7 @@ class Profile:
             )
         if columns is not None:
             raise RequestError(
-                "both a pattern and columns are given", where="columns", remedy="give one of them"
+                "both `pattern` and `columns` describe the lines", where="columns", remedy="omit one of them"
             )
         try:
             compiled = re.compile(pattern)
@@ -438,7 +443,7 @@ class Profile:
 
     @classmethod
     def _from_columns(cls, names: list[str], unit: str) -> Profile:
-        """Return the profile of cells in the order of their names; `-` is a cell that is not read.
+        """Return the profile of lines with columns of these names; the column `-` is not read.
 
         Raises:
             RequestError: the names do not include x, y and z, or one is unknown or repeated.
@@ -446,7 +451,7 @@ class Profile:
         known = [name for name in names if name != "-"]
         if names and (not {"x", "y", "z"} <= set(known) <= set(_FIELDS) or len(known) != len(set(known))):
             raise RequestError(
-                f"the columns '{','.join(names)}' do not name x, y and z, each once",
+                f"the columns '{','.join(names)}' must name x, y and z, and no column twice",
                 where="columns",
                 remedy="name them in order, such as target,x,y,z or -,x,y,z,sigma",
             )
@@ -500,19 +505,19 @@ class Lines(Source):
 
         Args:
             address: file of a serial line, `tcp://host:port`, or `udp://[host]:port` to listen at.
-            pattern: regular expression with the named groups x, y, z, and target, sigma if they are there.
-            columns: names of columns in order, such as `target,x,y,z`; default: by the number of cells.
+            pattern: regular expression with the groups x, y and z; the groups target and sigma are optional.
+            columns: names of columns in order, such as `target,x,y,z`; default: x,y,z or target,x,y,z.
             source_unit: unit of lengths, mm, m, um or in.
             request: text that is sent, with a newline, before each reading; {target}, {state}, {label},
                 {joints} and {force} in it are replaced. None: nothing is sent.
             baud: bits a second of a serial line.
-            sample: whether `profile` waits for a line, to show how it is read.
+            sample: True if `profile` is to wait for a line and to show how the line is read.
             warn: function that is called with a message about each line that is no reading.
 
         Raises:
             RequestError: the address or the profile cannot be understood.
         """
-        self._profile = Profile.of(pattern, columns, source_unit)
+        self._profile = Profile.from_options(pattern, columns, source_unit)
         self._address, self._url = address, urlsplit(address)
         self._request, self._baud, self._sample, self._warn = request, baud, sample, warn
         is_net = self._url.scheme in {"tcp", "udp"}
@@ -529,7 +534,7 @@ class Lines(Source):
             )
         if request is not None and self._url.scheme == "udp":
             raise RequestError(
-                "a source by UDP only receives, and sends no request",
+                "a source over UDP only receives lines and cannot send `request`",
                 where="request",
                 remedy="omit `request`, or use TCP",
             )
@@ -538,7 +543,7 @@ class Lines(Source):
         self._buffer = b""
         self._ended: str | None = "not open"
         self._stand: Stand | None = None
-        self._let_go: Callable[[], None] = lambda: None
+        self._disconnect: Callable[[], None] = lambda: None  # replaced when connected
         self._send: Callable[[bytes], object] = lambda _: None
 
     async def open(self, setting: Setting) -> None:
@@ -548,7 +553,7 @@ class Lines(Source):
         await self._connect()
 
     async def profile(self) -> str | None:
-        """Return the description of the profile, with the first line that is a reading."""
+        """Describe how lines are read; if `sample` is True, with the first reading as an example."""
         if not self._sample:
             return self._profile.describe(None)
         self._request_reading(self._first)
@@ -560,7 +565,7 @@ class Lines(Source):
         return self._profile.describe(line)
 
     async def stand(self, stand: Stand) -> None:
-        """Forget lines that came before, as they belong to another posture or another load."""
+        """Drop the lines that came before: they belong to another posture or another load."""
         if self._ended is not None:
             await self._connect()
         self._stand = stand
@@ -576,7 +581,7 @@ class Lines(Source):
         if name in self._waiting:
             return self._waiting.pop(name)
         useless, requested = 0, False
-        while useless < _RUBBISH:
+        while useless < _MOST_USELESS_LINES:
             if not self._lines and not requested:
                 self._request_reading(name)
                 requested = True
@@ -591,13 +596,13 @@ class Lines(Source):
                 return point
             self._waiting[str(target)] = point
         raise SourceError(
-            f"the source sent {_RUBBISH} lines that are no readings",
+            f"the source sent {_MOST_USELESS_LINES} lines that are no readings",
             remedy="state the form of a line by `columns` or `pattern`",
         )
 
     async def close(self) -> None:
         """Close the connection."""
-        self._let_go()
+        self._disconnect()
 
     def _warn_of(self, line: str) -> None:
         """Report a line that is no reading."""
@@ -635,7 +640,7 @@ class Lines(Source):
         return self._lines.popleft()
 
     def _receive(self, data: bytes) -> None:
-        """Split received bytes into lines; an incomplete last line waits in the buffer."""
+        """Split received bytes into lines; an incomplete last line is kept in the buffer."""
         *whole, rest = re.split(rb"[\r\n]+", self._buffer + data)
         self._buffer = rest[-_LONGEST_LINE:]
         self._lines.extend(line.decode("utf-8", "replace") for line in whole if line.strip())
@@ -648,17 +653,17 @@ class Lines(Source):
 
     async def _connect(self) -> None:
         """Connect to the address, by TCP, UDP or a serial line; an earlier connection is closed first."""
-        self._let_go()
+        self._disconnect()
         self._buffer, loop, url = b"", asyncio.get_running_loop(), self._url
         if url.scheme == "tcp":
             transport, _ = await loop.create_connection(
                 lambda: _Stream(self), url.hostname or "", url.port or 0
             )
-            self._send, self._let_go = transport.write, transport.close
+            self._send, self._disconnect = transport.write, transport.close
         elif url.scheme == "udp":
             local = (url.hostname or "0.0.0.0", url.port or 0)  # noqa: S104 - instruments are other machines
             datagrams, _ = await loop.create_datagram_endpoint(lambda: _Datagrams(self), local)
-            self._let_go = datagrams.close
+            self._disconnect = datagrams.close
         else:
             self._connect_serial(loop)
         self._ended = None
@@ -682,13 +687,13 @@ class Lines(Source):
                 loop.remove_reader(descriptor)
                 self._end_source(reason)
 
-        def let_go() -> None:
+        def disconnect() -> None:
             loop.remove_reader(descriptor)
             os.close(descriptor)
-            self._let_go = lambda: None
+            self._disconnect = lambda: None
 
         loop.add_reader(descriptor, receive_available)
-        self._send, self._let_go = lambda data: os.write(descriptor, data), let_go
+        self._send, self._disconnect = lambda data: os.write(descriptor, data), disconnect
 
 
 def _serial_line(address: str, baud: int) -> int:
@@ -706,7 +711,10 @@ def _serial_line(address: str, baud: int) -> int:
         is_line = os.isatty(descriptor)
         os.close(descriptor)
         if is_line:
-            raise SourceError(f"{baud} is not a speed of a serial line", remedy="give 9600 or 115200")
+            raise SourceError(
+                f"a serial line cannot run at {baud} bits per second",
+                remedy="give a usual rate: 9600 or 115200",
+            )
         raise SourceError(f"{address} is not a serial line", remedy="give its device, such as /dev/ttyUSB0")
     tty.setraw(descriptor)
     modes = termios.tcgetattr(descriptor)
@@ -762,20 +770,20 @@ class RoboDk(Source):
         self._link, self._name = robolink.Robolink(), address
 
     async def open(self, setting: Setting) -> None:
-        """Remember the campaign, whose robot tells where targets are expected."""
+        """Store the campaign's robot and targets, from which `stand` computes the expected positions."""
         self._setting = setting
 
     async def stand(self, stand: Stand) -> None:
-        """Compute where the robot holds the targets in a posture, for the tracker [mm]."""
+        """Compute the expected positions of the targets in a posture, in the tracker's frame [mm]."""
         setting, names = self._setting, list(self._setting.targets)
-        now = Postures(setting.robot, setting.robot.joint_map.model_angles(np.array([stand.joints])))
-        places = now.to_base(np.array([[setting.targets[name] for name in names]], dtype=np.float64))[0]
+        posture = Postures(setting.robot, setting.robot.joint_map.model_angles(np.array([stand.joints])))
+        places = posture.to_base(np.array([[setting.targets[name] for name in names]], dtype=np.float64))[0]
         self._expected = {
             name: (1e3 * setting.from_base(place)).tolist() for name, place in zip(names, places, strict=True)
         }
 
     async def point(self, name: str) -> Point:
-        """Measure a target by the tracker, which searches at the expected position; return its place [m]."""
+        """Measure a target near its expected position; return its position [m] and None."""
         measured = await asyncio.to_thread(self._link.LaserTracker_Measure, self._expected[name], True)
         if measured is None:
             raise SourceError(

@@ -1,4 +1,4 @@
-"""Open sets of a store: declared, read one observation at a time, and closed to ordinary sets."""
+"""Live campaigns of a store (open sets): declared, measured one observation at a time, and closed."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from jointstiff.schemas.measurement import (
 from jointstiff.schemas.plan import AnyDirection, DeadWeight, Plan, PlanResult, ReadingOptions
 from jointstiff.schemas.query import OpenSetQuery, SetQuery
 from jointstiff.schemas.run import RunRequest
-from jointstiff.service.conversion.prepared import placed
-from jointstiff.service.live.campaign import Declared, Entry, LiveCampaign
-from jointstiff.service.live.declaration import completed
-from jointstiff.service.problems import NotFoundError, TakenError
-from jointstiff.service.resources.stored import Resources, resolve_frame, stored_job
+from jointstiff.service.conversion.prepared import frame_fields
+from jointstiff.service.live.campaign import Declaration, Entry, LiveCampaign
+from jointstiff.service.live.declaration import complete_targets_and_load_point
+from jointstiff.service.problems import LabelTakenError, NotFoundError
+from jointstiff.service.resources.stored import Resources, load_job, resolve_frame
 from jointstiff.service.store.tables import AccessKey, IdempotencyKey, LiveEntry, OpenSetRecord
 from jointstiff.solver.errors import RequestError
 
 _CAMPAIGNS: Final = 64
-"""Open sets that are kept ready."""
+"""Greatest number of live campaigns that are kept in memory."""
 _ENTRY: Final = TypeAdapter(Entry)
 _FINDINGS: Final = TypeAdapter(list[Finding])
 
@@ -44,10 +44,10 @@ CreateRun = Callable[[RunRequest, IdempotencyKey, AccessKey | None], str]
 
 
 class OpenSets:
-    """The open sets of a store."""
+    """The live campaigns of a store: measurement sets that are open for further observations."""
 
     def __init__(self, resources: Resources, create_run: CreateRun) -> None:
-        """Serve the open sets of a store; `create_run` stores the run that identifies a closed set."""
+        """Serve the live campaigns of a store; `create_run` stores the run that identifies a closed set."""
         self._resources, self._store, self._create_run = resources, resources.store, create_run
         self._declared = lru_cache(_CAMPAIGNS)(self._load_declaration)
         self._ready: dict[str, LiveCampaign] = {}
@@ -64,13 +64,15 @@ class OpenSets:
         if key is not None and (before := self._store.open_sets.find(key)) is not None:
             return before.id
         options, robot_id = self._complete_by_plan(options, request.robot_id)
-        header = completed(request.model_copy(update={"observations": [], "robot_id": robot_id}), options)
-        resolved, noticed = resolve_frame(self._store, header)
+        header = complete_targets_and_load_point(
+            request.model_copy(update={"observations": [], "robot_id": robot_id}), options
+        )
+        resolved, frame_findings = resolve_frame(self._store, header)
         robot, _ = self._resources.robot(robot_id, "robot_id")
-        campaign = LiveCampaign(Declared(robot, header, resolved, noticed))
-        _ = campaign.declared.ahead  # raises an error now if no reading is feasible
+        campaign = LiveCampaign(Declaration(robot, header, resolved, frame_findings))
+        _ = campaign.declared.ahead  # computed here to raise the error if no reading is feasible
         for observation in request.observations:
-            campaign = campaign.with_entry(campaign.judged(observation))
+            campaign = campaign.with_entry(campaign.compare_with_prediction(observation))
         record = OpenSetRecord(
             id=uuid4().hex,
             robot_id=robot_id,
@@ -78,7 +80,7 @@ class OpenSets:
             created_at=datetime.now(UTC),
             document=header.model_dump_json(),
             resolved=None if resolved is None else resolved.model_dump_json(),
-            warnings=_FINDINGS.dump_json(list(noticed)).decode(),
+            warnings=_FINDINGS.dump_json(list(frame_findings)).decode(),
         )
         stored = self._store.open_sets.add(record, key)
         if stored.id == record.id:
@@ -87,18 +89,18 @@ class OpenSets:
         return stored.id
 
     def observe(self, set_id: str, observation: Observation, by: AccessKey | None) -> live.LiveState:
-        """Add an observation to an open set; return the state of the set. A repeated call changes nothing.
+        """Add an observation to an open set; return the new state. A repeated call changes nothing.
 
         Raises:
             NotFoundError: there is no such open set.
             ClosedError: the set is closed.
-            TakenError: the set has a different observation of this label.
+            LabelTakenError: the set has a different observation with this label.
             MeasurementError: the observation cannot be right.
         """
-        entry = self._campaign(set_id).judged(observation)
+        entry = self._campaign(set_id).compare_with_prediction(observation)
         # Another observation with this label may have come first.
         if self._add_entry(set_id, entry, by).observation != observation:
-            raise TakenError(observation.label)
+            raise LabelTakenError(observation.label)
         return self.state(set_id)
 
     def change(self, set_id: str, change: SetChange, by: AccessKey | None) -> None:
@@ -108,25 +110,25 @@ class OpenSets:
             NotFoundError: there is no such open set.
             RequestError: the set has no such observation, or the posture to skip is not the next one.
         """
-        for entry in self._campaign(set_id).entries_of(change):
+        for entry in self._campaign(set_id).entries_for_change(change):
             self._add_entry(set_id, entry, by)
 
     def close(self, set_id: str, by: AccessKey | None) -> live.LiveState:
-        """Turn an open set into an ordinary measurement set, and create its run; return the last state.
+        """Turn an open set into an ordinary measurement set, and create its run; return the final state.
 
-        A repeated call creates nothing again.
+        A repeated call creates no second set and no second run.
 
         Raises:
             NotFoundError: there is no such open set.
-            RequestError: the set has no observation that counts.
+            RequestError: the set has no observation in use.
             JointstiffError: the run cannot be created; the measurement set is stored nevertheless.
         """
         campaign = self._campaign(set_id)
-        fields = campaign.closing()  # raises an error before the set is closed
+        fields = campaign.fields_when_closed()  # raises an error before the set is closed
         if not campaign.closed:
             self._add_entry(set_id, Entry("closed", ""), by)
             campaign = self._campaign(set_id)
-            fields = campaign.closing()  # again, with observations that came meanwhile
+            fields = campaign.fields_when_closed()  # again, with observations that came meanwhile
         with suppress(NotFoundError):
             self._store.sets.get(set_id)
             return self.state(set_id)
@@ -136,7 +138,11 @@ class OpenSets:
         return self.state(set_id)
 
     def state(self, set_id: str) -> live.LiveState:
-        """Return the state of a set with the next reading, or once closed its run; raises `NotFoundError`."""
+        """Return the state of a set: with its next reading, or with its run if the set is closed.
+
+        Raises:
+            NotFoundError: there is no such open set.
+        """
         campaign = self._campaign(set_id)
         if not campaign.closed:
             return campaign.state()
@@ -144,18 +150,18 @@ class OpenSets:
         return campaign.state(set_id if run_id else None, run_id)
 
     def revision(self, set_id: str) -> int:
-        """Return the number of entries in the record of a set; raises `NotFoundError`."""
+        """Return the number of entries in the record of a set; raise `NotFoundError` for an unknown id."""
         return len(self._campaign(set_id).entries)
 
     def document(self, set_id: str) -> live.MeasurementSet:
-        """Return a set with its readings so far; raises `NotFoundError`."""
+        """Return a set with its readings so far; raise `NotFoundError` if there is no such set."""
         record, campaign = self._store.open_sets.get(set_id), self._campaign(set_id)
         declared = campaign.declared
         fields = {name: getattr(declared.header, name) for name in MeasurementSetHeader.model_fields}
         return live.MeasurementSet(
             **fields,
-            **placed(declared.resolved),
-            warnings=list(declared.noticed),
+            **frame_fields(declared.resolved),
+            warnings=list(declared.frame_findings),
             content_hash=None,
             id=set_id,
             robot_id=record.robot_id,
@@ -166,8 +172,8 @@ class OpenSets:
         )
 
     def page(self, query: SetQuery) -> Page[MeasurementSetSummary]:
-        """Return one page of the sets that are not closed; filters that they do not have are ignored."""
-        page = self._store.open_sets.page(**OpenSetQuery.of(query).listing())
+        """Return one page of the sets that are not closed; filters that open sets lack are ignored."""
+        page = self._store.open_sets.page(**OpenSetQuery.from_set_query(query).listing())
         return Page(items=[self.summary(each) for each in page.records], next=page.next, total=page.total)
 
     def summary(self, record: OpenSetRecord) -> MeasurementSetSummary:
@@ -189,11 +195,11 @@ class OpenSets:
         """Return whether an id belongs to an open set that was not closed; the set may be deleted."""
         with suppress(NotFoundError):
             self._store.open_sets.get(set_id, hidden=True)
-            return not any(entry.change == "closed" for entry in self._store.live_entries.of(set_id=set_id))
+            return not any(entry.change == "closed" for entry in self._store.live_entries.find(set_id=set_id))
         return False
 
-    def changed(self, set_id: str, change: SetChange, by: AccessKey | None) -> MeasurementSetSummary:
-        """Change the record of an open set, delete the set or restore it; return its summary.
+    def apply_change(self, set_id: str, change: SetChange, by: AccessKey | None) -> MeasurementSetSummary:
+        """Apply a change to an open set: decisions, deletion or restoration; return its summary.
 
         Raises:
             NotFoundError: there is no such open set, or it was deleted.
@@ -217,7 +223,7 @@ class OpenSets:
         return summary
 
     def _is_stored(self, set_id: str) -> bool:
-        """Return whether the ordinary measurement set of a closed set exists."""
+        """Return whether a closed set was stored as an ordinary measurement set."""
         with suppress(NotFoundError):
             return bool(self._store.sets.get(set_id))
         return False
@@ -229,13 +235,13 @@ class OpenSets:
         return self._create_run(RunRequest(measurement_set_id=set_id, **campaign.run_options), key, by)
 
     def _campaign(self, set_id: str) -> LiveCampaign:
-        """Return a campaign with all entries of its record; only entries since the last call are added.
+        """Return a live campaign with all entries of its record; entries read before come from memory.
 
         Raises:
             NotFoundError: there is no such open set, or it was deleted.
         """
         entries = [
-            _ENTRY.validate_json(entry.document) for entry in self._store.live_entries.of(set_id=set_id)
+            _ENTRY.validate_json(entry.document) for entry in self._store.live_entries.find(set_id=set_id)
         ]
         ready = self._ready.get(set_id)
         if ready is None or len(ready.entries) > len(entries):
@@ -249,7 +255,10 @@ class OpenSets:
         return ready
 
     def _add_entry(self, set_id: str, entry: Entry, by: AccessKey | None) -> Entry:
-        """Add an entry to the record of a set; return it, or the stored entry of the same kind and label."""
+        """Add an entry to the record of a set and return the entry.
+
+        If an entry of the same kind and label is stored, that entry is returned and nothing is added.
+        """
         record = LiveEntry(
             set_id=set_id,
             change=entry.change,
@@ -260,18 +269,18 @@ class OpenSets:
         )
         return _ENTRY.validate_json(self._store.live_entries.add(record).document)
 
-    def _load_declaration(self, set_id: str) -> Declared:
+    def _load_declaration(self, set_id: str) -> Declaration:
         """Read the declaration of an open set from the store."""
         record = self._store.open_sets.get(set_id)
         header = live.MeasurementSetPost.model_validate_json(record.document)
         if header.open is not None:  # older records may state the load point in one place only
-            header = completed(header, header.open)
+            header = complete_targets_and_load_point(header, header.open)
         robot, _ = self._resources.robots.load(record.robot_id)
         resolved = None if record.resolved is None else ResolvedFrame.model_validate_json(record.resolved)
-        return Declared(robot, header, resolved, _FINDINGS.validate_json(record.warnings))
+        return Declaration(robot, header, resolved, _FINDINGS.validate_json(record.warnings))
 
     def _complete_by_plan(self, options: live.LiveOptions, robot_id: str) -> tuple[live.LiveOptions, str]:
-        """Return options completed by those of the plan that they name, and the id of the robot.
+        """Return live options, completed from the plan that they name, and `robot_id` unchanged.
 
         Raises:
             RequestError: the plan does not exist, or has no result.
@@ -279,7 +288,7 @@ class OpenSets:
         if options.plan_id is None:
             return options, robot_id
         try:
-            plan = stored_job(self._store, Plan, options.plan_id)
+            plan = load_job(self._store, Plan, options.plan_id)
         except NotFoundError as error:
             raise RequestError(error.reason, remedy=error.remedy, where="open.plan_id") from error
         if plan.result is None:
@@ -300,7 +309,7 @@ class OpenSets:
 
 
 def _planned_load(result: PlanResult) -> DeadWeight | AnyDirection | None:
-    """Return the load of a plan's readings: a dead weight if all forces point down; None without forces."""
+    """Return the load of a plan: a dead weight if all its forces point down; None if all forces are zero."""
     forces = [reading.force for reading in result.readings]
     size = max((math.hypot(*force) for force in forces), default=0.0)
     if size == 0.0:

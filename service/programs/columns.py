@@ -1,4 +1,4 @@
-"""Targets and moves of a program as columns, and which of the moves are certain together."""
+"""Targets and moves of a program as columns, and the search for the moves that can be corrected."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from jointstiff.service.programs.errors import CONSTANT, Fault, ProgramError, ReadMove, shown
+from jointstiff.service.programs.errors import CONSTANT, Fault, ProgramError, ReadMove, quote_text
 from jointstiff.service.programs.language import Move
 from jointstiff.service.programs.notation import Numerals
 from jointstiff.service.programs.program import (
@@ -30,9 +30,9 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 
 MAX_TARGETS: Final = 200_000
 MAX_VISITS: Final = 400_000
-"""Targets of all moves together: each needs an inverse kinematics, also if moves share a target."""
+"""Largest number of visits of targets by moves; each visit needs an inverse kinematics."""
 MAX_REMARKS: Final = 400_000
-"""Lines that are left as they are."""
+"""Largest number of remarks on lines that are not corrected."""
 MAX_VALUE: Final = 1e6
 """Magnitude of a number of a target: a kilometre in mm, 2,777 turns in degrees."""
 OF: Final = " of routine "
@@ -47,7 +47,7 @@ _AXIS_ROUNDING: Final = 2e-3
 _NO_AXIS: Final = 8e9
 """Value above which a number means that there is no such external axis: ABB writes 9e9."""
 _MAX_AXES: Final = 24
-"""Most external axes of a target; a target with more is left."""
+"""Largest count of external axes of a target; a target with more axes is not corrected."""
 _AWAY: Final = "an external axis or another group is away from zero, and may carry the arm or the part"
 _CARRY_NOTHING: Final = (
     "state `external_axes: carry_nothing` if it carries neither the arm nor the part; else keep it at zero"
@@ -57,8 +57,8 @@ _WIDTH: Final = 7
 """Numbers of a row in the array of targets."""
 _STATED: Final = NUMBERS + WORDS
 _AXES: Final = _STATED + _MAX_AXES
-_MAX_STEADY: Final = 8
-"""Most numbers of a target that all targets have to share, such as that of the tool."""
+_MAX_COMMON: Final = 8
+"""Largest count of numbers that all targets have to share, such as the number of the tool."""
 
 
 class Cause(NamedTuple):
@@ -71,8 +71,8 @@ class Cause(NamedTuple):
     shows: str = ""  # name of the frame whose numbers are not known
 
 
-class Given(NamedTuple):
-    """Numbers in the text of a program that a name holds or a move uses."""
+class WrittenNumbers(NamedTuple):
+    """Numbers in the text of a program that are the content of a name or the target of a move."""
 
     label: str  # name that holds the numbers; empty without a name
     source: int  # index of the file
@@ -105,13 +105,13 @@ class Columns:
         self._names: list[str] = []
         self._moves = array("q")  # rows of line, motion, count of visits up to the end
         self._visits = array("q")
-        self._doubts: dict[int, Cause] = {}  # targets whose numbers have to stay, and why
+        self._target_causes: dict[int, Cause] = {}  # targets whose numbers have to stay, and why
 
     def restore_spelling(self, text: str, source: int, line: int) -> str:
-        """Return a text with names as the program spells them near a line; quotations stay as they are."""
+        """Return a text with names as the program spells them near a line; quotations are not changed."""
 
         def find_spelling(match: re.Match[str]) -> str:
-            """Return the spelling of one name in the text behind the line; remember it for other lines."""
+            """Return the spelling of one name in the text after the line; store it for other lines."""
             name = match[0]
             if name[0] != "'" and self._folded and name not in self.spelled:
                 start = self._sources[source].starts[max(line - 1, 0)]
@@ -123,7 +123,7 @@ class Columns:
         return _NAME_OR_TEXT.sub(find_spelling, _PART.sub("", text))
 
     def add_remark(self, line: int, text: str, target: str = "") -> None:
-        """Note a statement that is left as it is, and needs no decision of the user."""
+        """Note a statement that is not corrected, without need of a decision by the user."""
         if len(self._remarks) >= MAX_REMARKS:
             self._refuse(line, f"more than {MAX_REMARKS} lines cannot be corrected", "split the program")
         self._remarks.append(Remark(line, text, target))
@@ -137,19 +137,26 @@ class Columns:
         raise ProgramError([Fault(self._sources[0].name, line, reason, remedy)])
 
     def add_move(
-        self, op: Move, line: int, targets: Sequence[Given], frames: Sequence[Frames], cause: Cause | None
+        self,
+        op: Move,
+        line: int,
+        targets: Sequence[WrittenNumbers],
+        frames: Sequence[Frames],
+        cause: Cause | None,
     ) -> None:
-        """Add a move with its targets, or note that it is left.
+        """Add a move with its targets, or note the move as left without a correction if there is a cause.
 
         Args:
             op: the move.
             line: line of the move.
             targets: targets whose numbers are known.
             frames: base and tool of each target.
-            cause: why the move is left; None if it is certain.
+            cause: why the move cannot be corrected; None if it can be.
         """
         if len(self._visits) + len(op.targets) > MAX_VISITS or len(self._left) > MAX_VISITS:
-            self._refuse(line, f"more than {MAX_VISITS} targets of moves", "split the program")
+            self._refuse(
+                line, f"the moves of the program have more than {MAX_VISITS} targets", "split the program"
+            )
         if cause is None:
             self._visits.extend(
                 [self._index_target(each, pair, line) for each, pair in zip(targets, frames, strict=True)]
@@ -164,7 +171,7 @@ class Columns:
         self._left.append((ReadMove(line, names, base, tool, reason, cause.remedy), cause))
         for target in targets:
             if target.label:
-                self._doubts.setdefault(self._index_target(target, None, line), cause)
+                self._target_causes.setdefault(self._index_target(target, None, line), cause)
 
     def add_moves(self, op: Move, source: int, lines: IndexArray, first: IndexArray, frames: Frames) -> None:
         """Add k moves that differ only in the numbers of their single target.
@@ -178,10 +185,14 @@ class Columns:
         """
         index = len(self._names) + np.arange(len(lines))
         if index[-1] >= MAX_TARGETS:
-            self._refuse(int(lines[0]), f"more than {MAX_TARGETS} targets", _WRITE_ANEW)
+            self._refuse(int(lines[0]), f"the program has more than {MAX_TARGETS} targets", _WRITE_ANEW)
         ends = len(self._visits) + 1 + np.arange(len(lines))
         if ends[-1] > MAX_VISITS:
-            self._refuse(int(lines[0]), f"more than {MAX_VISITS} targets of moves", "split the program")
+            self._refuse(
+                int(lines[0]),
+                f"the moves of the program have more than {MAX_VISITS} targets",
+                "split the program",
+            )
         (literal,) = (each for each in op.targets if isinstance(each, Literal))
         known = self._literals.setdefault(literal, len(self._literals))
         base, tool = self._index_frame("base", frames[0]), self._index_frame("tool", frames[1])
@@ -192,10 +203,11 @@ class Columns:
         self._visits.frombytes(index.tobytes())
         self._names += [""] * len(lines)
 
-    def _index_target(self, target: Given, frames: Frames | None, used: int) -> int:
-        """Return the index of a target, which is added if its numbers are new.
+    def _index_target(self, target: WrittenNumbers, frames: Frames | None, used: int) -> int:
+        """Return the index of a target; add the target if its numbers are new.
 
-        A target that is used with two bases or two tools is doubted. `used` is the line of its use.
+        A target that is used with two bases or two tools gets a cause why it cannot be corrected. `used` is
+        the line on which the target is used.
         """
         literal = self._literals.setdefault(target.literal, len(self._literals))
         base, tool = (
@@ -205,7 +217,7 @@ class Columns:
         row = _WIDTH * index
         if index == len(self._names):
             if index >= MAX_TARGETS:
-                self._refuse(used, f"more than {MAX_TARGETS} targets", _WRITE_ANEW)
+                self._refuse(used, f"the program has more than {MAX_TARGETS} targets", _WRITE_ANEW)
             self._targets.extend((target.source, target.line, target.first, used, literal, base, tool))
             self._names.append(target.label)
         elif self._targets[row + 5] < 0:
@@ -213,11 +225,13 @@ class Columns:
         elif frames is not None and (base, tool) != (self._targets[row + 5], self._targets[row + 6]):
             other = f"used with another base or tool on line {self._targets[row + 3]}"
             remedy = "use a separate target for each base and tool: one correction cannot suit both"
-            self._doubts.setdefault(index, Cause(used, f"target {shown(target.label)} is {other}", remedy))
+            self._target_causes.setdefault(
+                index, Cause(used, f"target {quote_text(target.label)} is {other}", remedy)
+            )
         return index
 
     def _index_frame(self, role: str, frame: FrameName | Cause | None) -> int:
-        """Return the index of a frame, which is added if it is new; -1 if the frame is not known."""
+        """Return the index of a `base` or `tool` (`role`), added if new; -1 if the frame is not known."""
         if not isinstance(frame, FrameName):
             return -1
         key = role, frame.name if frame.pose is None else frame.pose.tobytes()
@@ -238,14 +252,14 @@ class Columns:
         """
         for index, name in enumerate(self._names):
             if name in used and name:
-                use = f"the numbers of {shown(name)} are used on line {used[name]}, too"
+                use = f"the numbers of {quote_text(name)} are used on line {used[name]}, too"
                 reason = f"{use}, where it is not certain what they mean"
-                self._doubts.setdefault(index, Cause(0, reason, "use a separate target for it"))
+                self._target_causes.setdefault(index, Cause(0, reason, "use a separate target for it"))
         self._names = [name.partition(OF)[0] if name else name for name in self._names]
         rows = _reshape_rows(self._targets, _WIDTH)
         targets = self._fill_targets(rows, external_axes)
         moves = _sort_moves(Moves(*_reshape_rows(self._moves, 3), *_reshape_rows(self._visits, 1)))
-        kept = self._corrected_moves(targets, moves)
+        kept = self._find_corrected_moves(targets, moves)
         left = sorted(self._left, key=lambda each: each[0].line)
         left_moves = tuple(each for each, _ in left)
         faults = [self._build_fault(cause) for _, cause in left]
@@ -257,22 +271,23 @@ class Columns:
         if not kept.any():
             raise ProgramError(faults, left=left_moves)
         if left:
-            moves, targets = _keep_moves(moves, targets, kept)
+            moves, targets = _select_moves(moves, targets, kept)
         remarks = tuple(sorted(self._remarks, key=lambda each: each.line))
         return Program(self._format, self._sources, targets, moves, remarks, left_moves, tuple(faults))
 
     def _build_fault(self, cause: Cause) -> Fault:
-        """Return the fault of a cause, with names as the program spells them."""
+        """Return a cause as a fault for the user, with names as the program spells them."""
         reason = self.restore_spelling(cause.reason, cause.source, cause.line)
         return Fault(self._sources[cause.source].name, cause.line, reason, cause.remedy)
 
-    def _corrected_moves(self, targets: Targets, moves: Moves) -> BoolArray:
-        """Return a mask (k,) of the moves that can be corrected; note the others as left.
+    def _find_corrected_moves(self, targets: Targets, moves: Moves) -> BoolArray:
+        """Return a mask (k,) of the moves that can be corrected; note the other moves as left.
 
-        A move to a doubted target is left; its other targets are then doubted, too, and so on.
+        A move is left if one of its targets cannot be corrected. Its other targets must then keep their
+        numbers, too, so that further moves to these targets are left, until nothing changes.
         """
         doubted = np.zeros(len(targets), dtype=np.bool_)
-        doubted[list(self._doubts)] = True
+        doubted[list(self._target_causes)] = True
         while True:
             left = np.zeros(len(moves), dtype=np.bool_)
             left[moves.of_visit[doubted[moves.visits]]] = True
@@ -284,7 +299,7 @@ class Columns:
         begins = np.append(0, moves.ends[:-1])
         for i in np.flatnonzero(left).tolist():
             own, line = moves.visits[begins[i] : moves.ends[i]].tolist(), int(moves.line[i])
-            known = next((self._doubts[each] for each in own if each in self._doubts), None)
+            known = next((self._target_causes[each] for each in own if each in self._target_causes), None)
             reason = (
                 self.restore_spelling(known.reason, 0, line)
                 if known
@@ -297,7 +312,7 @@ class Columns:
         return ~left
 
     def _fill_targets(self, rows: IndexArray, external_axes: ExternalAxes) -> Targets:
-        """Return the targets with their numbers; invalid numbers and moved external axes are doubted.
+        """Return the targets with their numbers; note targets with invalid numbers or moved external axes.
 
         Args:
             rows: array of targets, transposed: one row for each field.
@@ -305,11 +320,11 @@ class Columns:
         """
         source, line, first, _, known, base, tool = rows
         literals, count = list(self._literals), len(line)
-        ordinals = np.full((len(literals), _AXES + _MAX_STEADY), -1)
+        ordinals = np.full((len(literals), _AXES + _MAX_COMMON), -1)
         for row, each in zip(ordinals, literals, strict=True):
             row[: len(each.numbers)] = each.numbers
             row[NUMBERS : NUMBERS + len(each.words)] = [ordinal for _, ordinal in each.words]
-            external, shared = each.external[:_MAX_AXES], each.steady[:_MAX_STEADY]
+            external, shared = each.external[:_MAX_AXES], each.common[:_MAX_COMMON]
             row[_STATED : _STATED + len(external)] = external
             row[_AXES : _AXES + len(shared)] = shared
         targets = Targets(
@@ -318,7 +333,7 @@ class Columns:
             np.full((count, _STATED), np.nan), np.full((count, _STATED, 2), -1, dtype=np.int32),
         )  # fmt: skip
         out, unlike = np.zeros((2, count), dtype=np.bool_)
-        axes, steady = np.full((count, _MAX_AXES), np.nan), np.full((count, _MAX_STEADY), np.nan)
+        axes, common = np.full((count, _MAX_AXES), np.nan), np.full((count, _MAX_COMMON), np.nan)
         crowded = np.array([len(each.external) > _MAX_AXES for each in literals], dtype=np.bool_)
         for start in range(0, count, BLOCK):
             for file in np.unique(source[start : start + BLOCK]).tolist():
@@ -332,45 +347,52 @@ class Columns:
                     targets.spans[block, :, i] = np.where(written, ends[at], -1)[:, :_STATED]
                 out[block] = (written & ~(np.abs(read) <= MAX_VALUE))[:, :NUMBERS].any(axis=1)
                 for notation, own in targets.by_notation(block):
-                    unlike[block[own]] = ~notation.states(read[own])
+                    unlike[block[own]] = ~notation.is_valid_orientation(read[own])
                 others = read[:, _STATED:_AXES]
-                axes[block], steady[block] = np.where(others > _NO_AXIS, np.nan, others), read[:, _AXES:]
-        away, moved = _external_axes(axes, external_axes)
+                axes[block], common[block] = np.where(others > _NO_AXIS, np.nan, others), read[:, _AXES:]
+        away, moved = _find_external_axes(axes, external_axes)
         for faults, reason, remedy in (
             (out, f"a number of a target is out of range, beyond {MAX_VALUE:g}", _WRITE_ANEW),
             (unlike, "a quaternion or an axis is not of unit length", _WRITE_ANEW),
-            (_changed_axes(steady), "tool or base changes", "send a table for each of them"),
+            (
+                _find_changed_numbers(common),
+                "the tool or the base changes within the table",
+                "send a table for each of them",
+            ),
             (away, _AWAY, _CARRY_NOTHING),
             (moved | crowded[known], "an external axis or another group moves", _CARRY_NOTHING),
         ):
             for i in np.flatnonzero(faults).tolist():
-                self._doubts.setdefault(i, Cause(int(line[i]), reason, remedy))
+                self._target_causes.setdefault(i, Cause(int(line[i]), reason, remedy))
         return targets
 
 
-def _external_axes(axes: FloatArray, known: ExternalAxes) -> tuple[BoolArray, BoolArray]:
-    """Return two masks (t,): targets with external axes away from zero; targets that move one.
+def _find_external_axes(axes: FloatArray, known: ExternalAxes) -> tuple[BoolArray, BoolArray]:
+    """Return masks (t,) of the targets with an external axis away from zero, and of those that move an axis.
 
-    Both are false where external axes carry nothing, the first also where they are joints of the robot. An
-    axis that a target does not state (NaN) stays where it was: it is away if it is away in any target.
+    If external axes carry nothing, both masks are false. If external axes are joints of the robot, the first
+    mask is false. An axis without a value (NaN) counts as away if it is away from zero in any target.
     """
     stated, none = np.nan_to_num(axes), np.zeros(len(axes), dtype=np.bool_)
     is_away: BoolArray = np.abs(stated) > _AXIS_ROUNDING
     away: BoolArray = np.asarray((is_away | (np.isnan(axes) & is_away.any(axis=0))).any(axis=1))
-    moved = _changed_axes(stated)
+    moved = _find_changed_numbers(stated)
     if known is ExternalAxes.CARRY_NOTHING:
         return none, none
     return (none if known is ExternalAxes.OF_ROBOT else away), moved
 
 
-def _changed_axes(numbers: FloatArray) -> BoolArray:
+def _find_changed_numbers(numbers: FloatArray) -> BoolArray:
     """Return a mask (t,) of the targets whose numbers (t, k) differ from those of the first target."""
     known = np.nan_to_num(numbers)
     return np.asarray((~(np.abs(known - known[:1]) <= _AXIS_ROUNDING)).any(axis=1), dtype=np.bool_)
 
 
 def _sort_moves(moves: Moves) -> Moves:
-    """Return moves sorted by line, with their visits: a nested routine was interpreted on its own."""
+    """Return the moves in order of their lines, with their visits.
+
+    Routines were interpreted one after the other, so that moves of nested routines were out of order.
+    """
     order = np.argsort(moves.line, kind="stable")
     counts, rank = np.diff(moves.ends, prepend=0), np.empty_like(order)
     rank[order] = np.arange(len(order))
@@ -378,8 +400,8 @@ def _sort_moves(moves: Moves) -> Moves:
     return Moves(moves.line[order], moves.motion[order], np.cumsum(counts[order]), visits)
 
 
-def _keep_moves(moves: Moves, targets: Targets, kept: BoolArray) -> tuple[Moves, Targets]:
-    """Return the moves of a mask `kept` (k,), and the targets of these moves, with new indices."""
+def _select_moves(moves: Moves, targets: Targets, kept: BoolArray) -> tuple[Moves, Targets]:
+    """Return the moves in a mask `kept` (k,), and the targets of these moves, with new indices."""
     visits = moves.visits[kept[moves.of_visit]]
     rows, places = np.unique(visits, return_inverse=True)
     counts = np.diff(moves.ends, prepend=0)[kept]
@@ -393,10 +415,10 @@ def _keep_moves(moves: Moves, targets: Targets, kept: BoolArray) -> tuple[Moves,
 
 
 def _frame_name(frame: FrameName | Cause) -> str:
-    """Return the name of a frame, also if its numbers are not known."""
+    """Return the name of a frame; for a cause, the name of the frame whose numbers are not known."""
     return frame.shows if isinstance(frame, Cause) else frame.name
 
 
 def _reshape_rows(rows: array[int], width: int) -> IndexArray:
-    """Return rows of numbers that were appended one after the other as columns, (width, count)."""
+    """Return the columns (width, count) of rows of `width` numbers that are stored one after the other."""
     return np.asarray(memoryview(rows), dtype=np.intp).reshape(-1, width).T

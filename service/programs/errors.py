@@ -1,4 +1,4 @@
-"""The one error of reading programs: what was not understood, each with its line and what to do."""
+"""The error of reading programs: faults with line, reason and remedy."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ CONSTANT = "write its numbers, or omit it"
 _MAX_SHOWN = 60
 
 
-def shown(text: str) -> str:
+def quote_text(text: str) -> str:
     """Return text of a program in quotation marks, escaped and cut to 60 characters, for a message."""
     text = text.strip()
     return ascii(text if len(text) <= _MAX_SHOWN else text[:_MAX_SHOWN] + "...")
@@ -32,7 +32,7 @@ class Fault:
     @property
     def place(self) -> str:
         """Name of the file and line, in words."""
-        return shown(self.file) if self.line is None else f"{shown(self.file)}, line {self.line}"
+        return quote_text(self.file) if self.line is None else f"{quote_text(self.file)}, line {self.line}"
 
     def __str__(self) -> str:
         return f"{self.place}: {self.reason}; {self.remedy}"
@@ -45,7 +45,7 @@ class ReadMove(NamedTuple):
     target: str  # names of its targets, or their numbers
     base: str  # name of the base; empty if it is not known
     tool: str  # name of the tool; empty if it is not known
-    reason: str = ""  # why the move is left as it is
+    reason: str = ""  # why the move is not corrected
     remedy: str = ""  # what to do so that it can be corrected
     corrected: bool = False  # whether it can be corrected
 

@@ -9,7 +9,7 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from jointstiff.service.programs import language as ir
-from jointstiff.service.programs.errors import shown
+from jointstiff.service.programs.errors import quote_text
 from jointstiff.service.programs.interpreter import Machine
 from jointstiff.service.programs.language import Line, Misread, Op
 from jointstiff.service.programs.notation import Notation, Orientation
@@ -56,13 +56,13 @@ _LOGIC: Final = r"(?P<action>JMP LBL ?\[.*\]|CALL .+|(?:DO|RO|GO|AO|R|F|WO)\[[^=
 
 
 def _choose_frame(line: Line) -> list[Op]:
-    """Return the operations of a statement that makes a frame or a tool the active one by its number."""
+    """Return the operations of a statement that activates the frame or the tool with a number."""
     which = line["which"]
     return [ir.Assign(f"U{which}_NUM", ir.Named((f"U{which[0]} %s", line.first_ordinal("number"))))]
 
 
 def _translate_jump(line: Line) -> list[Op]:
-    """Return the operations of a jump: to a label in numbers, or to one that is computed first."""
+    """Return the operations of a jump to a numbered label, or to a label whose number is computed."""
     label = line["label"]
     if label == "\0":
         return [ir.Flow("jump", ("%s", line.first_ordinal("label")))]
@@ -77,20 +77,23 @@ def _translate_conditional_action(line: Line) -> list[Op]:
     return [*given, ir.Flow("if"), *line.language.apply_rules(action), ir.Flow("close")]
 
 
-def _names_used(line: Line) -> list[Op]:
-    """Return the operations of an instruction's value, such as an expression, `ON` or `PULSE,0.2sec`."""
+def _translate_quiet_instruction(line: Line) -> list[Op]:
+    """Return the operations of an instruction that moves nothing: the names used in its value, if any.
+
+    The value is an expression, `ON`, or a pulse such as `PULSE,0.2sec`, which uses no names.
+    """
     value = line["value"].replace("!", "")
     return line.read_expression(value) if value and not re.fullmatch(r"PULSE,\0 ?(?:sec)?", value) else []
 
 
 def _translate_position_change(line: Line) -> list[Op]:
-    """Return the operation of an assignment to a position P[n], whose numbers are not known any more."""
+    """Return the operation of an assignment to a position P[n], whose numbers become unknown."""
     name: ir.Name = ("P[%s]", line.first_ordinal("place")) if line["place"] else "P"
-    return [ir.Havoc(frozenset({name}), "the position changes while the program runs", _REMEDY)]
+    return [ir.MakeUnknown(frozenset({name}), "the position changes while the program runs", _REMEDY)]
 
 
-def _leaves_target(tail: str) -> bool:
-    """Return whether the text after a target, apart from offsets, is known not to move the target."""
+def _is_known_tail(tail: str) -> bool:
+    """Return whether the text `tail` after a target, apart from offsets, is known not to move the target."""
     return _TAIL.fullmatch(_OFFSET.sub("", tail).strip()) is not None
 
 
@@ -102,9 +105,9 @@ def _translate_move(line: Line) -> list[Op]:
     """
     letter, tail = line["letter"], line["tail"]
     if bool(line["second"]) != (letter == "C"):
-        raise Misread("an arc has two positions, another move has one; its second one is on the next line")
+        raise Misread("an arc needs two positions, the second on the next line; any other move needs one")
     offset = _OFFSET.search(tail)
-    if not _leaves_target(tail):
+    if not _is_known_tail(tail):
         what = "the text after the target moves it, or is unknown"
         raise Misread(f"{what}; the position in /POS alone does not give the target")
     ordinals = line.ordinals[: 1 + bool(line["second"])]
@@ -122,29 +125,29 @@ def _translate_move(line: Line) -> list[Op]:
 
 
 def _translate_register_move(line: Line) -> list[Op]:
-    """Return a move to a register or to a position of a computed number, which is left.
+    """Return the operations of a move to a register or a computed position; the move is not corrected.
 
     Raises:
         Misread: the text after the target is unknown, or calls a routine.
     """
-    if not _leaves_target(line["tail"]) or "CALL" in line["tail"]:
+    if not _is_known_tail(line["tail"]) or "CALL" in line["tail"]:
         raise Misread("the target is not a position in /POS, and the text after it is unknown")
     what = ir.quote_statement(line.text, line.ordinals)
     return ir.leave_move([], f"{what}: the target is not a position in /POS", _REMEDY)
 
 
 def _translate_frame_change(line: Line) -> list[Op]:
-    """Return the operation of a change of the controller's frames.
+    """Return the operation of a statement that changes the controller's frames.
 
-    Nothing is known even before this statement: the frame is another one when the program runs again.
+    All values are unknown, also before this statement: the next run begins with the changed frame.
     """
     reason = f"{ir.quote_statement(line.text, line.ordinals)}: the frame changes while the program runs"
-    remedy = "set frames before the program, not in it: all of its moves have to know them"
-    return [ir.Havoc(frozenset(), reason, remedy, anytime=True)]
+    remedy = "set the frames before the program starts, because all of its moves depend on them"
+    return [ir.MakeUnknown(frozenset(), reason, remedy, anytime=True)]
 
 
 def _refuse_computed_frame(_line: Line) -> list[Op]:
-    """Refuse any other statement with a frame.
+    """Raise the error that a statement with a frame is not understood.
 
     Raises:
         Misread: always.
@@ -168,7 +171,8 @@ _Fields: TypeAlias = dict[str, tuple[tuple[int, ...], str]]
 def _declare_position(line: Line) -> list[Op]:
     """Return the declarations of `P[n]{ GP1: UF : …, UT : …, CONFIG : '…', X = … mm, … };`.
 
-    They are its numbers, base and tool. A position that is not understood has unknown numbers.
+    The declarations give the numbers, base and tool of the position. A position that is not understood gets
+    unknown numbers.
     """
     number = line.ordinals[0]
     name = "P[%s]", number
@@ -177,7 +181,7 @@ def _declare_position(line: Line) -> list[Op]:
         # Manual, chapter 4: other programs cannot change the positions of this one.
         ops: list[Op] = [ir.Assign(name, _arm_position(own, others), "variable", own=True)]
     except Misread as fault:
-        return [ir.Havoc(frozenset({name}), fault.reason, fault.remedy)]
+        return [ir.MakeUnknown(frozenset({name}), fault.reason, fault.remedy)]
     for kind, active in (("UF", "UFRAME_NUM"), ("UT", "UTOOL_NUM")):
         frame = (f"{kind} %s", own[kind][0][0]) if own[kind][0] else active
         ops.append(ir.Assign((f"P[%s].{kind}", number), ir.Named(frame), "constant"))
@@ -208,7 +212,7 @@ def _split_groups(line: Line) -> tuple[_Fields, tuple[int, ...]]:
 
 
 def _arm_position(fields: _Fields, others: tuple[int, ...]) -> Literal:
-    """Return the target of a position by the fields of the arm's group.
+    """Return the target that the fields of the arm's group state.
 
     `others` are ordinals of the numbers of other groups, which count as external axes.
 
@@ -257,7 +261,9 @@ def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
         if match := _SECTION.match(text):
             again = match[1] in sections and match[1] != "APPL"
             if again or _ORDER.index(match[1]) < max(map(_ORDER.index, sections), default=0):
-                machine.refuse(line, f"a second or misplaced /{match[1]}", "send one program")
+                machine.refuse(
+                    line, f"the section /{match[1]} occurs twice or in the wrong place", "send one program"
+                )
             here, sections[match[1]] = match[1], start + len(text)
         elif here == "END" and text.strip():
             machine.refuse(line, "there is text after /END", "send one program")
@@ -265,14 +271,14 @@ def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
             _add_instruction(machine, spans, line, start, text)
     if not sections.keys() >= {"MN", "POS"}:
         remedy = "write the program as ASCII (.LS), not as binary (.TP)"
-        machine.refuse(None, "the file has no /MN and /POS", remedy)
+        machine.refuse(None, "the file lacks the section /MN or /POS", remedy)
     end = sections["END"] - len("/END") if "END" in sections else len(source.text)
     positions = _find_positions(machine, source, sections["POS"], end)
-    machine.add(0, *_split_spans(positions), translate=_POINTS.translate)
-    machine.add(0, *_split_spans(spans))
+    machine.add(0, *_spans_to_arrays(positions), translate=_POINTS.translate)
+    machine.add(0, *_spans_to_arrays(spans))
 
 
-def _split_spans(spans: list[tuple[int, int]]) -> tuple[IndexArray, IndexArray]:
+def _spans_to_arrays(spans: list[tuple[int, int]]) -> tuple[IndexArray, IndexArray]:
     """Return the starts and the ends of spans as two arrays."""
     starts, ends = np.array(spans, dtype=np.intp).reshape(-1, 2).T
     return starts, ends
@@ -281,7 +287,7 @@ def _split_spans(spans: list[tuple[int, int]]) -> tuple[IndexArray, IndexArray]:
 def _add_instruction(
     machine: Machine, spans: list[tuple[int, int]], line: int, start: int, text: str
 ) -> None:
-    """Add the span of a line of /MN to `spans`; a line without a number continues the one before.
+    """Add the span of a line of /MN to `spans`; a line without a number continues the line before it.
 
     Raises:
         ProgramError: the line has neither a number nor a colon.
@@ -290,7 +296,7 @@ def _add_instruction(
     if text.lstrip().startswith("--"):  # this line only ends a block of logic
         return
     if head is None and not _END.match(text):
-        reason = f"the line {shown(text)} has no number and colon"
+        reason = f"the line {quote_text(text)} has no number and colon"
         machine.refuse(line, reason, "write the program in the controller's form")
     body = head.end() if head else 0
     if text[body:].lstrip().startswith(("!", "//", "--")):
@@ -303,7 +309,7 @@ def _add_instruction(
 
 
 def _find_positions(machine: Machine, source: Source, place: int, end: int) -> list[tuple[int, int]]:
-    """Return first and last + 1 character of each position between two places of the section /POS.
+    """Return the span (first, last + 1 character) of each position between two indices of the text.
 
     Raises:
         ProgramError: there is a text between positions, or a position has no end.
@@ -311,7 +317,7 @@ def _find_positions(machine: Machine, source: Source, place: int, end: int) -> l
     spans = []
     for match in _POSITION.finditer(source.text, place, end):
         if match[1] is None or not re.match(r"P\s*+\[[^\]{}]*+\]\s*+\{", match[1]):
-            reason = f"{shown(match[0])} between positions is unknown or has no end"
+            reason = f"{quote_text(match[0])} between positions is unknown or has no end"
             machine.refuse(source.line(match.start()), reason, _AGAIN)
         spans.append(match.span())
     return spans
@@ -351,7 +357,7 @@ LANGUAGE: Final = ir.Language(
         (r"(?:WAIT ?(.+?) ?TIMEOUT,|JMP )LBL ?\[(?P<label>.*)\]", _translate_jump),
         (rf"(?:IF ?(.+?)|SELECT ?(?P<which>.+?)|=(.+?)|ELSE),{_LOGIC}", _translate_conditional_action),
         (r"(?:CALL|RUN|MONITOR) (?P<name>\w++)(?:\((.*)\))?", lambda line: [ir.Call(line["name"])]),
-        (_QUIET, _names_used),
+        (_QUIET, _translate_quiet_instruction),
         (r"(?:.*\W)?\$?(?:MN)?(?:UFRAME|UTOOL)(?:\[.*\])?=.*", _translate_frame_change),
         (r".*(?:UFRAME|UTOOL).*", _refuse_computed_frame),
         (r"P\[#{place}(?:,\0)?\]=.*|(?:(?!(?<!\w)P\[).)*P\[[^=]*=.*", _translate_position_change),

@@ -1,4 +1,4 @@
-"""The formats of programs: the reader of a file, limits that hold for all, the mark of a correction."""
+"""The formats of programs: the reader of all formats, its limits, and the mark of a compensated program."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.service.programs import fanuc, krl, rapid, table, ur
-from jointstiff.service.programs.errors import Fault, ProgramError, ReadMove, shown
+from jointstiff.service.programs.errors import Fault, ProgramError, ReadMove, quote_text
 from jointstiff.service.programs.interpreter import Machine
 from jointstiff.service.programs.language import Language
 from jointstiff.service.programs.notation import Notation, has_decimal_commas
@@ -61,15 +61,20 @@ def read_program(
     chosen = name or next((each for each, known in FORMATS.items() if suffix in known.suffixes.split()), "")
     if suffix in _NOT_READ and name is None:
         remedy = "write it in the controller's own language, or as a table of targets (CSV)"
-        _refuse(files[0][0], None, "programs of CNC, APT and CLS are not read", remedy)
+        _refuse(files[0][0], None, "programs in the formats CNC, APT and CLS cannot be read", remedy)
     if chosen not in FORMATS:
         reason = "the file's name does not show the format"
         _refuse(files[0][0], None, reason, f"give `format`: one of {', '.join(FORMATS)}")
     if len(files) > (3 if chosen == "krl" else 1):
         remedy = "send one program; with KUKA's .src its .dat and $config.dat"
-        _refuse(files[-1][0], None, "there are more files than one program has", remedy)
+        _refuse(files[-1][0], None, "more files were sent than one program has", remedy)
     if sum(len(content) for _, content in files) > MAX_PROGRAM_BYTES:
-        _refuse(files[0][0], None, f"more than {MAX_PROGRAM_BYTES // 2**20} MiB", "split the program")
+        _refuse(
+            files[0][0],
+            None,
+            f"the files of the program have more than {MAX_PROGRAM_BYTES // 2**20} MiB",
+            "split the program",
+        )
     ordered = sorted(files, key=lambda file: file[0].lower().endswith(".dat"))  # moves are of the first file
     sources = tuple(_read_source(name, content) for name, content in ordered)
     commas = chosen == "csv" and has_decimal_commas(sources[0].text)
@@ -81,13 +86,13 @@ def read_program(
     return program
 
 
-def explained(
+def list_moves(
     files: Sequence[tuple[str, bytes]],
     name: str | None = None,
     leave_alone: Collection[str] = (),
     external_axes: ExternalAxes = ExternalAxes.MAY_CARRY,
 ) -> list[ReadMove]:
-    """Return all moves of a program by line, each with target, base, tool, and whether it can be corrected.
+    """Return all moves of a program in order of lines, with target, base, tool, and if it can be corrected.
 
     Raises:
         ProgramError: the text of the program is not understood.
@@ -122,7 +127,7 @@ def _read_source(name: str, content: bytes) -> Source:
         reason = "the file is not text with one byte per character"
         _refuse(name, None, reason, "save it as plain text, not as UTF-16 or binary")
     if content.count(b"\n") + content.count(b"\r") > MAX_LINES:
-        _refuse(name, None, f"more than {MAX_LINES:,} lines", "split the program")
+        _refuse(name, None, f"the file has more than {MAX_LINES:,} lines", "split the program")
     source = Source.from_bytes(name, content)
     if (place := source.text.find(MARK)) >= 0:
         reason = "the program states that it was corrected already: a second correction would add to it"
@@ -130,33 +135,33 @@ def _read_source(name: str, content: bytes) -> Source:
         _refuse(name, source.line(place), reason, remedy)
     for i in np.flatnonzero(source.ends - source.starts > MAX_LINE).tolist():
         if len(source.text[source.starts[i] : source.ends[i]].rstrip("\r\n")) > MAX_LINE:
-            reason = f"a line of more than {MAX_LINE} characters"
+            reason = f"a line has more than {MAX_LINE} characters"
             _refuse(name, i + 1, reason, "break it into several lines")
     return source
 
 
 def _refuse(file: str, line: int | None, reason: str, remedy: str) -> None:
-    """Refuse a program for one fault.
+    """Refuse a program because of one fault.
 
     Raises:
         ProgramError: always.
     """
-    raise ProgramError((Fault(file if file.isprintable() else shown(file), line, reason, remedy),), 1)
+    raise ProgramError((Fault(file if file.isprintable() else quote_text(file), line, reason, remedy),), 1)
 
 
-def frame_notation(program: Program) -> Notation:
+def choose_frame_notation(program: Program) -> Notation:
     """Return the notation in which users of the program's format write frames.
 
-    A format without one uses the notation of the program's poses, else that of KUKA.
+    If the format states no notation, the notation of the program's poses is returned, else that of KUKA.
     """
     written = (notation for notation in program.targets.notations if notation.has_pose)
     return FORMATS[program.format].pose or next(written, krl.POSE)
 
 
-def marked(
+def insert_mark(
     kind: str, content: bytes, run_id: str, verdict: str, day: date, moves: int = 0, left: int = 0
 ) -> bytes:
-    """Insert a comment into a compensated program that marks it as corrected; return its bytes.
+    """Insert a comment into a compensated program that marks the program as corrected; return the new bytes.
 
     The mark of a FANUC program is several remarks, because a remark has 32 characters at most.
 

@@ -1,4 +1,4 @@
-"""The one interpreter: constants propagated over the control flow of a program in the intermediate language.
+"""Interpreter of programs in the intermediate language, which propagates constants along the control flow.
 
 A state holds the value of each name on every path to a statement: numbers in the text, a name, or the cause
 why the value is unknown. Where paths meet, values that differ are unknown. The program is passed through
@@ -19,40 +19,40 @@ from typing import Final, NoReturn, TypeAlias
 import numpy as np
 
 from jointstiff.service.programs import language as ir
-from jointstiff.service.programs.columns import MAX_VALUE, OF, Cause, Columns, Frames, Given
-from jointstiff.service.programs.errors import CONSTANT, Fault, ProgramError, shown
+from jointstiff.service.programs.columns import MAX_VALUE, OF, Cause, Columns, Frames, WrittenNumbers
+from jointstiff.service.programs.errors import CONSTANT, Fault, ProgramError, quote_text
 from jointstiff.service.programs.language import Language, Misread, Name, Op, Value
 from jointstiff.service.programs.notation import Numerals
 from jointstiff.service.programs.program import FrameName, Literal, Source
 from jointstiff.solver.arrays import FloatArray, IndexArray
 
 _MAX_SHAPES: Final = 10_000
-"""Shapes of statements that are remembered."""
+"""Largest number of masked statements whose translations are remembered."""
 _MAX_STATEMENT: Final = 16_384
 _MAX_WORK: Final = 10_000_000
-"""Steps, and names in states that are joined: beyond it, a program is not one that people wrote."""
+"""Largest number of steps, and of names in states that are joined; programs of people need far fewer."""
 _MAX_DEPTH: Final = 100
-"""Branches, loops and routines within one another."""
+"""Largest depth of branches, loops and routines within one another."""
 _MAX_CALLS: Final = 200
-"""Routines within one another that are passed through at once; deeper ones wait for the next pass."""
+"""Largest depth of calls that are followed in one pass; deeper calls are followed in the next pass."""
 UNKNOWN: Final = "\0everything"
 """Name in a state behind an unknown call: its value is the cause why values of other names are unknown."""
 
-Held: TypeAlias = Given | Cause | str
-"""Value of a name: numbers, a cause why they are unknown, or a name if only that is known."""
-State: TypeAlias = dict[str, tuple[Held, int]]
-"""Value of each name, and the line that gave the value."""
+Content: TypeAlias = WrittenNumbers | Cause | str
+"""Content of a name: numbers, the cause why the numbers are unknown, or only the name of another value."""
+State: TypeAlias = dict[str, tuple[Content, int]]
+"""Content of each name, and the line of the statement that set this content."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scope:
-    """Routine, and the names that belong to it."""
+    """Routine, and the names of its local variables."""
 
     routine: str
     names: set[str] = field(default_factory=set)
 
     def qualify(self, name: str) -> str:
-        """Return a name with the routine's name appended, if the name belongs to this routine."""
+        """Return a name, with the routine's name appended if the name is a local variable of the routine."""
         return f"{name}{OF}{self.routine}" if _name_of_whole(name) in self.names else name
 
 
@@ -67,12 +67,12 @@ class Place:
     scope: Scope
 
     def cause(self, reason: str, remedy: str = CONSTANT) -> Cause:
-        """Return a cause at this place; numbers that the reason quotes by their ordinals are inserted."""
+        """Return a cause at this place; ordinals of numbers in the reason are replaced by the numbers."""
         words = re.sub("\0(\\d+)\0", lambda match: f"{self.values[self.first + int(match[1])]:g}", reason)
         return Cause(self.line, words, remedy, self.source)
 
     def qualify(self, name: Name) -> str:
-        """Return a name with its number inserted, and with its routine if it belongs to one."""
+        """Return a name with its number inserted, or with the routine to which a local variable belongs."""
         if isinstance(name, str):
             return self.scope.qualify(name)
         value = float(self.values[self.first + name[1]])
@@ -80,7 +80,7 @@ class Place:
 
 
 def _name_of_whole(name: str) -> str:
-    """Return the name of the structure that a name is a field of: `FP1` for `FP1.TOOL`; else the name."""
+    """Return the name of the structure to which a field belongs: `FP1` for `FP1.TOOL`; else the name."""
     if "." not in name:
         return name
     part, of, routine = name.partition(OF)
@@ -88,7 +88,7 @@ def _name_of_whole(name: str) -> str:
 
 
 class UnmatchedEnd(Misread):
-    """Error that a branch, a loop, a routine or a jump has only one end; `place` is the index of that end."""
+    """Error that a branch, loop, routine or jump lacks an end; `place` is the index of the existing end."""
 
     def __init__(self, place: int, reason: str, remedy: str) -> None:
         super().__init__(reason, remedy)
@@ -96,24 +96,24 @@ class UnmatchedEnd(Misread):
 
 
 @dataclass(slots=True)
-class _Nest:
+class _OpenBlock:
     """Branch, loop or routine whose end was not reached yet."""
 
     kind: str
     begin: int  # index of the operation that begins it
-    turns: list[int] = field(default_factory=list)  # where its other branches begin
-    leaves: list[int] = field(default_factory=list)  # where it is left, or begun anew
-    whole: bool = False  # whether one of its branches is always taken, as with a default
+    other_branches: list[int] = field(default_factory=list)  # indices at which its other branches begin
+    exits: list[int] = field(default_factory=list)  # indices at which it is left, or begun again
+    has_default: bool = False  # whether it has a default branch, so that one branch is always taken
 
 
 class ControlFlow:
     """Control flow of a program: the operations that may follow each operation, besides the next one.
 
-    Successors that are never taken do no harm, but missing ones would: any branch may be skipped.
+    A successor that is never reached does no harm, but a missing successor would: any branch may be skipped.
     """
 
     def __init__(self, ops: list[Op], names: list[str]) -> None:
-        """Find both ends of all branches, loops, routines and jumps.
+        """Find beginning and end of all branches, loops and routines, and the labels of all jumps.
 
         Args:
             ops: operations in the order of the text; missing ends of routines are appended to them.
@@ -122,22 +122,24 @@ class ControlFlow:
         Raises:
             UnmatchedEnd: a beginning has no end, or an end has no beginning.
         """
-        self.leads: defaultdict[int, list[int]] = defaultdict(list)  # successors besides the next one
+        self.successors: defaultdict[int, list[int]] = defaultdict(list)  # successors besides the next one
         self.begins: dict[str, int] = {}  # index of the beginning of each routine
         self.ends: dict[int, str] = {}  # routine by the index of its end
         self.routine: list[str] = []  # routine of each operation
-        self.aside: set[str] = set()  # routines that may run at any time
+        self.anytime_routines: set[str] = set()  # routines that may run at any time
         self.shared: set[str] = set()  # routines that other programs may call
-        self._names, self._nests, self._open = names, list[_Nest](), [""]
+        self._names, self._open_blocks, self._open = names, list[_OpenBlock](), [""]
         self._labels: dict[str, dict[str, int]] = defaultdict(dict)  # indices of labels, by routine
         self._jumps: list[int] = []
         for i, op in enumerate(ops):
             if isinstance(op, ir.Flow):
-                self._take_operation(i, op)
+                self._add_operation(i, op)
             self.routine.append(self.ends.get(i, self._open[-1]))
-        while self._nests:
-            if self._nests[-1].kind != "routine":
-                raise UnmatchedEnd(self._nests[-1].begin, "a branch or a loop has no end", "write its end")
+        while self._open_blocks:
+            if self._open_blocks[-1].kind != "routine":
+                raise UnmatchedEnd(
+                    self._open_blocks[-1].begin, "a branch or a loop has no end", "write its end"
+                )
             ops.append(ir.Flow("end"))
             self._end_block(len(ops) - 1, "end")
             self.routine.append(self.ends[len(ops) - 1])
@@ -145,11 +147,11 @@ class ControlFlow:
         for i, name in enumerate(self.routine):
             self.bodies[name].append(i)
         self._link_jumps(names)
-        if any(not names[self.begins[handler]] for handler in self.aside):
+        if any(not names[self.begins[handler]] for handler in self.anytime_routines):
             self._add_error_exits()
 
     def _link_jumps(self, names: list[str]) -> None:
-        """Let jumps lead to their labels; a computed jump leads to all labels of its routine.
+        """Add the label of each jump to its successors; for a computed jump, add all labels of its routine.
 
         Raises:
             UnmatchedEnd: the label does not exist.
@@ -159,29 +161,29 @@ class ControlFlow:
             places = [labels[names[i]]] if names[i] in labels else [*labels.values()]
             if not places:
                 raise UnmatchedEnd(i, "the label of a jump does not exist", "write the label")
-            self.leads[i] += places
+            self.successors[i] += places
 
     def _add_error_exits(self) -> None:
-        """Let each operation lead to the end of its routine.
+        """Add the end of its routine to the successors of each operation.
 
         An error may occur anywhere, and a handler of the caller may then continue behind the call.
         """
         for end, name in self.ends.items():
             for i in self.bodies[name][:-1]:
-                self.leads[i].append(end)
+                self.successors[i].append(end)
 
-    def _take_operation(self, i: int, op: ir.Flow) -> None:
-        """Take the operation with index i into the control flow.
+    def _add_operation(self, i: int, op: ir.Flow) -> None:
+        """Add the operation with index i to the control flow.
 
         Raises:
-            UnmatchedEnd: it ends what did not begin, or is nested too deep.
+            UnmatchedEnd: the operation ends a block that did not begin, or is nested too deep.
         """
         if op.kind in {"routine", "aside", "if", "loop", "repeat"}:
-            if len(self._nests) >= _MAX_DEPTH:
+            if len(self._open_blocks) >= _MAX_DEPTH:
                 reason = f"branches and loops are nested more than {_MAX_DEPTH} deep"
                 raise UnmatchedEnd(i, reason, "write routines of their own")
-            self._nests.append(
-                _Nest(op.kind, i) if op.kind in {"if", "loop", "repeat"} else self._begin_routine(i, op)
+            self._open_blocks.append(
+                _OpenBlock(op.kind, i) if op.kind in {"if", "loop", "repeat"} else self._begin_routine(i, op)
             )
         elif op.kind == "label":
             self._labels[self._open[-1]][self._names[i]] = i
@@ -189,13 +191,13 @@ class ControlFlow:
             self._jumps.append(i)
         elif op.kind in {"leave", "return"}:
             kinds = {"routine"} if op.kind == "return" else {"loop", "repeat", "routine"}
-            for nest in [each for each in self._nests if each.kind in kinds][-1:]:
-                nest.leaves.append(i)
+            for block in [each for each in self._open_blocks if each.kind in kinds][-1:]:
+                block.exits.append(i)
         else:
             self._end_block(i, op.kind)
 
-    def _begin_routine(self, i: int, op: ir.Flow) -> _Nest:
-        """Begin a routine at index i; a handler without a name gets one.
+    def _begin_routine(self, i: int, op: ir.Flow) -> _OpenBlock:
+        """Begin a routine at index i; name a handler that has no name; return the open block.
 
         Raises:
             UnmatchedEnd: the routine is defined twice.
@@ -204,10 +206,10 @@ class ControlFlow:
         if name in self.begins:
             raise UnmatchedEnd(i, "a routine is defined twice", "send one program")
         self.begins[name] = i
-        self.aside |= {name} if op.kind == "aside" else set()
+        self.anytime_routines |= {name} if op.kind == "aside" else set()
         self.shared |= {name} if op.shared else set()
         self._open.append(name)
-        return _Nest("routine", i)
+        return _OpenBlock("routine", i)
 
     def _end_block(self, i: int, kind: str) -> None:
         """End a branch, a loop or a routine at index i, or begin another branch there.
@@ -215,25 +217,25 @@ class ControlFlow:
         Raises:
             UnmatchedEnd: nothing of this kind is open.
         """
-        nest = self._nests[-1] if self._nests else None
-        if nest is None or (kind != "any" and (kind == "end") != (nest.kind == "routine")):
-            reason = "here ends a branch, a loop or a routine that did not begin"
+        block = self._open_blocks[-1] if self._open_blocks else None
+        if block is None or (kind != "any" and (kind == "end") != (block.kind == "routine")):
+            reason = "this line ends a branch, a loop or a routine that does not begin before it"
             raise UnmatchedEnd(i, reason, "write both ends of branches, loops and routines")
         if kind in {"turn", "default"}:
-            nest.turns.append(i)
-            nest.whole |= kind == "default"
+            block.other_branches.append(i)
+            block.has_default |= kind == "default"
             return
-        self._nests.pop()
-        if nest.kind == "routine":
+        self._open_blocks.pop()
+        if block.kind == "routine":
             self.ends[i] = self._open.pop()
-        for place in (*nest.turns, *nest.leaves):
-            self.leads[place].append(i)
-        self.leads[nest.begin] += nest.turns
-        if nest.kind in {"if", "loop"} and not nest.whole:
-            self.leads[nest.begin].append(i)
-        if nest.kind in {"loop", "repeat"}:
-            for place in (i, *nest.leaves):
-                self.leads[place].append(nest.begin)
+        for place in (*block.other_branches, *block.exits):
+            self.successors[place].append(i)
+        self.successors[block.begin] += block.other_branches
+        if block.kind in {"if", "loop"} and not block.has_default:
+            self.successors[block.begin].append(i)
+        if block.kind in {"loop", "repeat"}:
+            for place in (i, *block.exits):
+                self.successors[place].append(block.begin)
 
 
 class Machine:
@@ -252,30 +254,32 @@ class Machine:
         """
         self.sources, self._language = sources, language
         self._allowed = frozenset(each.upper() for each in allowed)
-        self.numerals = [Numerals.of(source.text, language.number) for source in sources]
+        self.numerals = [Numerals.from_text(source.text, language.number) for source in sources]
         self.columns = Columns(kind, sources, self.numerals, folded=language.folded)
         self._ops, self._places = list[Op](), list[Place]()
         self._scopes, self._closed = [Scope("")], Scope("")
-        self._initial: dict[str, Held] = {}  # values of names before the program runs
-        self._steady: set[str] = set()  # names that no other program changes
-        self._shared: set[str] = set()  # names that other programs use, too
+        self._initial: dict[str, Content] = {}  # values of names before the program runs
+        self._constants: set[str] = set()  # names that are declared as constants
+        self._shared: set[str] = set()  # names that other programs use as well
         self._own: set[str] = set()  # names that no other program knows
         self._changes: dict[str, list[Cause]] = defaultdict(list)  # statements that may change each name
-        self._used: dict[str, int] = {}  # names that are used otherwise than as targets, and a line
-        self._causes: list[Cause] = []  # whatever is not understood
-        # what may have changed the data of the controller in an earlier run
+        self._used: dict[str, int] = {}  # line on which a name is used otherwise than as a target
+        self._causes: list[Cause] = []  # causes of all statements that are not understood
+        # first statement that may have changed the data of the controller in an earlier run
         self._earlier: Cause | None = None
         self._anytime: dict[str, Cause] = {}  # names that routines change which may run at any time
         self._changed: dict[str, dict[str, Cause]] = defaultdict(dict)  # names that each routine may change
         self._callers: dict[str, set[str]] = defaultdict(set)  # callers of each routine
-        self._incoming: dict[int, State] = {}  # state led to a place, other than from the step before
+        self._incoming: dict[int, State] = {}  # joined states of all jumps to an operation
         self._exits: dict[str, State | None] = {}  # state at the end of each routine
-        self._acts: dict[str, list[int]] = {}  # indices of each routine's operations other than moves
+        self._state_operations: dict[
+            str, list[int]
+        ] = {}  # indices of each routine's operations other than moves
         self._open: list[str] = []  # routines that are being passed through
-        self._moved = True  # whether a state has changed in this pass
+        self._state_changed = True  # whether a state has changed in this pass
         self._repeats: dict[int, array[int]] = defaultdict(partial(array, "q"))  # lines and first numbers
         self._named: dict[str, FrameName] = {}  # frames that are known by name
-        self._poses: dict[tuple[Given, ...], FloatArray | None] = {}
+        self._poses: dict[tuple[WrittenNumbers, ...], FloatArray | None] = {}
         self._work = 0
 
     # reading
@@ -304,7 +308,7 @@ class Machine:
             starts: (k,) first character of each statement.
             ends: (k,) last character + 1 of each statement.
             declares: kind of the declarations in a file of data, which hold from the beginning; else "".
-            translate: function that translates the shape of a statement; that of the language by default.
+            translate: function that translates the masked text of a statement; default: that of the language.
 
         Raises:
             ProgramError: a statement is too long, or not understood at all.
@@ -312,30 +316,32 @@ class Machine:
         self._scopes = [Scope("")]
         translate = translate or self._language.translate
         lines = np.searchsorted(self.sources[source].starts, starts, side="right")
-        shapes, first = self.numerals[source].shapes(starts, ends)
+        masked_texts, first = self.numerals[source].masked_texts(starts, ends)
         if (long := np.flatnonzero(ends - starts > _MAX_STATEMENT)).size:
-            reason = f"a statement of more than {_MAX_STATEMENT} characters"
+            reason = f"a statement has more than {_MAX_STATEMENT} characters"
             self.refuse(int(lines[long[0]]), reason, "split it", source)
         known: dict[str, list[tuple[int, Op]]] = {}
-        last: list[tuple[int, Op]] | None = None  # move before, if the next one may differ in numbers only
-        for shape, line, number in zip(shapes, lines.tolist(), first.tolist(), strict=True):
-            ops = known.get(shape)
+        last: list[tuple[int, Op]] | None = (
+            None  # operations of the last move, if the next move may differ from it in numbers only
+        )
+        for masked, line, number in zip(masked_texts, lines.tolist(), first.tolist(), strict=True):
+            ops = known.get(masked)
             if ops is None:
                 try:
-                    ops = translate(shape)
+                    ops = translate(masked)
                 except Misread as fault:
                     self.refuse(line, fault.reason, fault.remedy, source)
                 if len(known) < _MAX_SHAPES:
-                    known[shape] = ops
+                    known[masked] = ops
             if ops is last:
                 self._repeats[len(self._ops) - 1].extend((line + ops[-1][0], number))
                 continue
-            self._take_operation(ops, source, line, number, declares)
+            self._add_operation(ops, source, line, number, declares)
             acts = [op for _, op in ops if not isinstance(op, ir.Use)]
             alike = len(acts) == 1 and isinstance(acts[0], ir.Move) and acts[0].differs_only_in_target
             last = ops if alike and not declares else None
 
-    def _take_operation(
+    def _add_operation(
         self, ops: Iterable[tuple[int, Op]], source: int, line: int, number: int, declares: str
     ) -> None:
         """Add the operations of one statement to the program, or its declarations to the initial values.
@@ -363,7 +369,7 @@ class Machine:
                 self._ops.append(op)
 
     def _enter_scope(self, op: ir.Flow) -> None:
-        """Enter the scope of a routine, or leave it."""
+        """Enter the scope of a routine or block where it begins, and leave the scope where it ends."""
         if op.kind in {"routine", "aside"}:  # a handler without a name shares the scope of its routine
             self._scopes.append(Scope(str(op.name)) if op.name else self._closed)
         elif op.kind in {"if", "loop", "repeat"}:
@@ -372,35 +378,35 @@ class Machine:
             self._closed = self._scopes.pop()
 
     def _declare(self, place: Place, op: ir.Assign, kind: str) -> None:
-        """Note the initial value of a name that is declared, and whether other programs may change it."""
+        """Note the initial content of a declared name, and whether other programs may change this content."""
         name = place.qualify(op.name)
         self._shared |= {name} if op.shared or kind == "shared" else set()
         self._own |= {_name_of_whole(name)} if op.own else set()
-        held = self._evaluate(place, name, op.value, {})
-        if self._initial.setdefault(name, held) != held:
+        content = self._evaluate(place, name, op.value, {})
+        if self._initial.setdefault(name, content) != content:
             self._initial[name] = place.cause(f"{name} is declared twice")
         if kind == "constant":
-            self._steady.add(name)
+            self._constants.add(name)
 
     # what holds for all of the program
 
     def _collect_changes(self) -> None:
-        """Collect the statements that may change each name, anywhere in the program."""
+        """Collect, for each name, the statements anywhere in the program that may change its content."""
         for place, op in zip(self._places, self._ops, strict=True):
             if isinstance(op, ir.Assign):
                 name = place.qualify(op.name)
                 self._changes[name].append(place.cause(f"it gets numbers on line {place.line}"))
         for place, op in zip(self._places, self._ops, strict=True):
-            if isinstance(op, ir.Havoc):
-                self._collect_havoc(place, op)
+            if isinstance(op, ir.MakeUnknown):
+                self._collect_unknown_values(place, op)
             elif isinstance(op, ir.Call) and not (op.quiet and op.name not in self._flow.begins):
                 self._collect_call(place, op)
         self._summarise_routines()
-        for name in self._flow.aside:
+        for name in self._flow.anytime_routines:
             self._anytime.update(self._changed[name])
 
-    def _collect_havoc(self, place: Place, op: ir.Havoc) -> None:
-        """Collect the changes by a statement that gives unknown values."""
+    def _collect_unknown_values(self, place: Place, op: ir.MakeUnknown) -> None:
+        """Note why values become unknown at a statement, for each name that the statement changes."""
         cause = place.cause(op.reason, op.remedy)
         self._causes.append(cause)
         self._earlier = self._earlier or (None if op.names else cause)
@@ -410,16 +416,16 @@ class Machine:
             self._changes[place.qualify(each)].append(cause)
 
     def _collect_call(self, place: Place, op: ir.Call) -> None:
-        """Collect the changes by a call; the routine may also change its arguments."""
-        cause = place.cause(f"{shown(str(op.name))} gets it as an argument, and may change it")
+        """Note what a call may change: the arguments of the routine, and for an unknown routine all names."""
+        cause = place.cause(f"{quote_text(str(op.name))} gets it as an argument, and may change it")
         for passed in map(place.scope.qualify, op.passed):
             self._changes[passed].append(cause)
-            self._anytime.update(dict.fromkeys(self._with_parts(passed), cause))
+            self._anytime.update(dict.fromkeys(self._list_name_and_fields(passed), cause))
         if op.name in self._flow.begins:
-            self._flow.aside |= {str(op.name)} if op.attached else set()
+            self._flow.anytime_routines |= {str(op.name)} if op.attached else set()
         elif isinstance(op.name, tuple) and place.qualify(op.name) in self._changes:
             pass  # an interrupt that the program declares: its routine is collected at the declaration
-        elif unknown := self._why_unknown(place, op):
+        elif unknown := self._explain_unknown_call(place, op):
             self._causes.append(unknown)
             self._earlier = self._earlier or unknown
             if op.attached:
@@ -428,36 +434,36 @@ class Machine:
             statement = "the request states that it neither moves the robot nor changes frames"
             self.columns.add_remark(place.line, f"{op.name} is called; {statement}")
 
-    def _why_unknown(self, place: Place, op: ir.Call) -> Cause | None:
-        """Return the cause why values are unknown behind a call; None if the routine is known or allowed."""
+    def _explain_unknown_call(self, place: Place, op: ir.Call) -> Cause | None:
+        """Return the cause why values are unknown after a call; None if the called routine is allowed."""
         name = place.qualify(op.name)
         if op.quiet or name.upper() in self._allowed:
             return None
-        reason = f"{shown(name)} is unknown: it may move the robot or change its frames"
-        return place.cause(reason, f"if it does neither, name it in `leave_alone`: [{shown(name)}]")
+        reason = f"{quote_text(name)} is unknown: it may move the robot or change its frames"
+        return place.cause(reason, f"if it does neither, name it in `leave_alone`: [{quote_text(name)}]")
 
-    def _with_parts(self, name: str) -> list[str]:
-        """Return a name, and the names of all fields that it may have."""
+    def _list_name_and_fields(self, name: str) -> list[str]:
+        """Return a list of a name, and the names of all fields that a structure of this name may have."""
         whole, of, routine = name.partition(OF)
         return [name, *(f"{whole}{part}{of}{routine}" for part in self._language.parts)]
 
-    def _is_own(self, op: ir.Call) -> bool:
-        """Return whether an operation calls a routine of the program directly, not by an event."""
+    def _is_direct_call(self, op: ir.Call) -> bool:
+        """Return whether a call starts a routine of this program directly, not when an event occurs."""
         return op.name in self._flow.begins and not op.attached
 
     def _summarise_routines(self) -> None:
-        """Find the names that each routine may change, itself or by the routines that it calls."""
+        """Find the names that each routine may change, also through the routines that it calls."""
         callers = self._callers
         for i, op in enumerate(self._ops):
-            routine, state = self._flow.routine[i], dict[str, tuple[Held, int]]()
-            if isinstance(op, ir.Call) and self._is_own(op):
+            routine, state = self._flow.routine[i], dict[str, tuple[Content, int]]()
+            if isinstance(op, ir.Call) and self._is_direct_call(op):
                 callers[str(op.name)].add(routine)
             else:
                 self._update_state(state, i)
-            for name, (held, line) in state.items():
+            for name, (content, line) in state.items():
                 reason = f"{name} changes while the program runs"
                 cause = Cause(line, reason, "give it once, in numbers", self._places[i].source)
-                self._changed[routine][name] = held if isinstance(held, Cause) else cause
+                self._changed[routine][name] = content if isinstance(content, Cause) else cause
         waiting = [*self._changed]
         while waiting:
             routine = waiting.pop()
@@ -469,33 +475,33 @@ class Machine:
     # propagation
 
     def _enter_routines(self) -> None:
-        """Set the states in which the main routine, and routines that others may call, begin."""
-        main = next((name for name in self._flow.begins if name not in self._flow.aside), "")
+        """Set the states in which the main routine, and routines that other programs may call, begin."""
+        main = next((name for name in self._flow.begins if name not in self._flow.anytime_routines), "")
         if main and (self._language.callers or main not in self._callers):
             self._anytime.update(self._changed[""])
         for name, begin in self._flow.begins.items():
             called = name in self._callers
             if self._language.callers or (name == main and not called):
                 self._incoming[begin] = {}
-            elif not called or name in self._flow.aside | self._flow.shared:
-                reason = f"{shown(name)} may be called from elsewhere, with the frames of its caller"
+            elif not called or name in self._flow.anytime_routines | self._flow.shared:
+                reason = f"{quote_text(name)} may be called from elsewhere, with the frames of its caller"
                 cause = Cause(0, reason, "set the frames in the routine, before its moves")
                 self._incoming[begin] = {UNKNOWN: (cause, 0)}
 
-    def _pass_routine(self, routine: str, indices: Iterable[int]) -> None:
-        """Carry states through the operations `indices` of a routine once; judge the moves among them."""
+    def _propagate_through(self, routine: str, indices: Iterable[int]) -> None:
+        """Propagate states through the operations `indices` of a routine once; record their moves."""
         state: State | None = {}
-        shared = False  # whether the state is kept elsewhere, too
+        shared = False  # whether the state is stored elsewhere, so that it must be copied before a change
         self._open.append(routine)
         for i in indices:
             op = self._ops[i]
-            if isinstance(op, ir.Move | ir.Keep):
-                self._judge_move(op, i, state)
+            if isinstance(op, ir.Move | ir.MoveToStored):
+                self._record_move(op, i, state)
                 continue
             self._count_work(1)
             if isinstance(op, ir.Flow):
-                state, shared = self._lead_onward(op, i, state), True
-            elif state is not None and isinstance(op, ir.Call) and self._is_own(op):
+                state, shared = self._pass_to_successors(op, i, state), True
+            elif state is not None and isinstance(op, ir.Call) and self._is_direct_call(op):
                 state, shared = self._follow_call(str(op.name), state), True
             elif state is not None:
                 if shared:
@@ -503,22 +509,22 @@ class Machine:
                     state, shared = dict(state), False
                 self._update_state(state, i)
         self._open.pop()
-        self._moved |= self._exits.get(routine) != state
+        self._state_changed |= self._exits.get(routine) != state
         self._exits[routine] = state
 
-    def _lead_onward(self, op: ir.Flow, i: int, state: State | None) -> State | None:
-        """Lead a state from operation i to its successors; return the state behind the operation."""
-        for place in self._flow.leads.get(i, ()):
-            self._lead_to(place, state)
+    def _pass_to_successors(self, op: ir.Flow, i: int, state: State | None) -> State | None:
+        """Join a state into the successors of operation i; return the state after the operation."""
+        for place in self._flow.successors.get(i, ()):
+            self._join_into(place, state)
         if op.kind in {"routine", "aside", "turn", "default"}:
             state = None
         return self._join_states(self._incoming.get(i), state)
 
     def _follow_call(self, routine: str, state: State) -> State | None:
-        """Return the state behind a call; None if the routine's end was not reached yet."""
-        is_new = self._lead_to(self._flow.begins[routine], state)
+        """Return the state after a call; None if the end of the called routine was not reached yet."""
+        is_new = self._join_into(self._flow.begins[routine], state)
         if is_new and routine not in self._open and len(self._open) < _MAX_CALLS:
-            self._pass_routine(routine, self._acts[routine])
+            self._propagate_through(routine, self._state_operations[routine])
         returned, changed = self._exits.get(routine), self._changed[routine]
         if returned is None:
             return None
@@ -527,25 +533,25 @@ class Machine:
         self._count_work(len(changed))
         return {**state, **{name: self._value_and_line(returned, name) for name in changed}}
 
-    def _lead_to(self, place: int, state: State | None) -> bool:
-        """Join a state with the states that lead to a place; return whether the place's state changed."""
+    def _join_into(self, place: int, state: State | None) -> bool:
+        """Join a state into the state at operation `place`; return whether the latter changed."""
         known = self._incoming.get(place)
         joined = self._join_states(known, state)
         if joined is None or joined is known:
             return False
         self._incoming[place] = joined
-        self._moved = True
+        self._state_changed = True
         return True
 
     def _join_states(self, known: State | None, state: State | None) -> State | None:
-        """Return the join of two states; a name whose values differ gets a cause why it is unknown."""
+        """Return the join of two states: equal contents, and a cause where the contents of a name differ."""
         if known is None or state is None or known == state:
             return state if known is None else known
         joined = dict(known)
         self._count_work(len(state) + len(known))
         for name in {**known, **state}:
-            (held, line), (other, later) = (self._value_and_line(each, name) for each in (known, state))
-            if held != other and not isinstance(held, Cause):
+            (content, line), (other, later) = (self._value_and_line(each, name) for each in (known, state))
+            if content != other and not isinstance(content, Cause):
                 what = "whatever an unknown routine may change" if name == UNKNOWN else name
                 reason = f"{what} changes while the program runs: by a branch, a loop or a call"
                 cause = Cause(max(line, later), reason, "set it once, before branches, loops and calls")
@@ -559,71 +565,78 @@ class Machine:
             self.refuse(None, "the program has too many branches and names", "split it")
 
     def _update_state(self, state: State, i: int) -> None:
-        """Change a state by operation i: an assignment, unknown values, or the call of an unknown routine."""
+        """Apply operation i to a state: an assignment, unknown values, or the call of an unknown routine."""
         op, place = self._ops[i], self._places[i]
         if isinstance(op, ir.Assign):
             name = place.qualify(op.name)
             state[name] = self._evaluate(place, name, op.value, state), place.line
-        elif isinstance(op, ir.Havoc):
+        elif isinstance(op, ir.MakeUnknown):
             cause = place.cause(op.reason, op.remedy)
             if not op.names:
                 self._forget_names(state, cause)
             for each in map(place.qualify, op.names):
-                state.update(dict.fromkeys(self._with_parts(each), (cause, place.line)))
-        elif isinstance(op, ir.Call) and not op.attached and (unknown := self._why_unknown(place, op)):
+                state.update(dict.fromkeys(self._list_name_and_fields(each), (cause, place.line)))
+        elif (
+            isinstance(op, ir.Call) and not op.attached and (unknown := self._explain_unknown_call(place, op))
+        ):
             self._forget_names(state, unknown)
 
     def _forget_names(self, state: State, cause: Cause) -> None:
-        """Forget the values of all names that an unknown routine may change, for a cause."""
-        for name in [name for name in state if not self._is_steady(name)]:
+        """Remove names that an unknown routine may change from a state; set `UNKNOWN` to the cause."""
+        for name in [name for name in state if not self._is_protected(name)]:
             del state[name]
         state[UNKNOWN] = cause, cause.line
 
-    def _is_steady(self, name: str) -> bool:
-        """Return whether no unknown routine can change the value of a name."""
-        own = _name_of_whole(name) in self._own and not self._changed_by(name)
-        return own or name in self._steady or OF in name
+    def _is_protected(self, name: str) -> bool:
+        """Return whether the content of a name is safe from changes by unknown routines."""
+        own = _name_of_whole(name) in self._own and not self._find_changes(name)
+        return own or name in self._constants or OF in name
 
-    def _changed_by(self, name: str) -> list[Cause]:
-        """Return the causes that change a name, else its structure, else its array."""
+    def _find_changes(self, name: str) -> list[Cause]:
+        """Return the changes of a name; without any, those of its structure, else those of its array."""
         among = name, _name_of_whole(name), name.partition("[")[0]
         return next((changes for each in among if (changes := self._changes.get(each))), [])
 
-    def _evaluate(self, place: Place, name: str, value: Value, state: State) -> Held:
-        """Return the value that a name gets by an assignment at a place, in a state."""
+    def _evaluate(self, place: Place, name: str, value: Value, state: State) -> Content:
+        """Return the content that an assignment of `value`, at a place and in a state, gives to a name."""
         if isinstance(value, Literal):
-            return Given(name, place.source, place.line, place.first, value)
-        held: Held = place.qualify(value.name)
-        if "\0" in held:
+            return WrittenNumbers(name, place.source, place.line, place.first, value)
+        content: Content = place.qualify(value.name)
+        if "\0" in content:
             return place.cause("the number of a frame is not a whole number")
         # The value of another name is looked up once, and once more if that name holds a name.
         for _ in range(isinstance(value, ir.Copy) + (isinstance(value, ir.Copy) and value.through)):
-            if isinstance(held, str):
-                held = self._value_and_line(state, held)[0]
-        return held
+            if isinstance(content, str):
+                content = self._value_and_line(state, content)[0]
+        return content
 
-    def _value_and_line(self, state: State, name: str) -> tuple[Held, int]:
-        """Return the value of a name in a state, and the line that gave the value."""
+    def _value_and_line(self, state: State, name: str) -> tuple[Content, int]:
+        """Return the content of a name in a state, and the line of the statement that set this content."""
         if name == UNKNOWN:
             return state.get(name, ("", 0))
         if _name_of_whole(name) in self._language.constants:
             return name, 0
-        steady = self._is_steady(name)
-        held: Held | None = self._anytime.get(name) or (None if steady else self._anytime.get(UNKNOWN))
-        if held is None and name in state:
+        protected = self._is_protected(name)
+        content: Content | None = self._anytime.get(name) or (
+            None if protected else self._anytime.get(UNKNOWN)
+        )
+        if content is None and name in state:
             return state[name]
-        if held is None and UNKNOWN in state and not steady:
-            held = state[UNKNOWN][0]
-        held = held or self._initial_value(name, steady=steady)
-        if isinstance(held, Cause) and self._language.is_frame(name):
-            held = held._replace(shows=name)
-        return held, held.line if isinstance(held, Cause) else 0
+        if content is None and UNKNOWN in state and not protected:
+            content = state[UNKNOWN][0]
+        content = content or self._initial_value(name, protected=protected)
+        if isinstance(content, Cause) and self._language.is_frame(name):
+            content = content._replace(shows=name)
+        return content, content.line if isinstance(content, Cause) else 0
 
-    def _initial_value(self, name: str, *, steady: bool) -> Held:
-        """Return the value of a name when the program begins; `steady` if no unknown routine changes it."""
-        changes = self._changed_by(name)
+    def _initial_value(self, name: str, *, protected: bool) -> Content:
+        """Return the content of a name when the program begins.
+
+        `protected` tells whether no unknown routine can change the content.
+        """
+        changes = self._find_changes(name)
         if name in self._initial and not changes:
-            return self._initial[name] if steady or self._earlier is None else self._earlier
+            return self._initial[name] if protected or self._earlier is None else self._earlier
         if (active := self._language.active.get(name)) is not None:
             return active
         if changes:
@@ -631,16 +644,18 @@ class Machine:
             return Cause(changes[0].line, reason, "give it once, in numbers")
         if self._language.is_frame(name):
             return name
-        return Cause(0, f"{shown(name)} is not given by constant numbers")
+        return Cause(0, f"{quote_text(name)} is not given by constant numbers")
 
     # judgement
 
     def interpret(self) -> tuple[Columns, dict[str, int], list[Cause]]:
         """Read and interpret the program.
 
+        States are passed through the routines until none changes; a last pass adds the moves.
+
         Returns:
-            Targets and moves; lines of names that are used for something else than targets; causes why
-            statements are not understood.
+            Targets and moves as columns; for each name that is used other than as a target, a line of use;
+            causes why statements are not understood.
 
         Raises:
             ProgramError: the text is not understood.
@@ -658,27 +673,29 @@ class Machine:
         except UnmatchedEnd as fault:
             place = self._places[fault.place]
             self.refuse(place.line, fault.reason, fault.remedy, place.source)
-        # Ends of routines that were appended get the place of the last statement.
+        # Ends of routines that `ControlFlow` appended get the place of the last statement.
         self._places += self._places[-1:] * (len(self._ops) - len(self._places))
         self._collect_changes()
         self._enter_routines()
         bodies = self._flow.bodies
         for name, body in bodies.items():
-            self._acts[name] = [i for i in body if not isinstance(self._ops[i], ir.Move | ir.Keep)]
+            self._state_operations[name] = [
+                i for i in body if not isinstance(self._ops[i], ir.Move | ir.MoveToStored)
+            ]
         order = list(bodies)
-        while self._moved:
-            self._moved = False
+        while self._state_changed:
+            self._state_changed = False
             for name in order:
-                self._pass_routine(name, self._acts[name])
+                self._propagate_through(name, self._state_operations[name])
             order.reverse()  # callers first carries states into routines, callees first carries them back
         for name, body in bodies.items():
-            self._pass_routine(name, body)
+            self._propagate_through(name, body)
         return self.columns, self._used, self._causes
 
-    def _judge_move(self, op: ir.Move | ir.Keep, i: int, state: State | None) -> None:
-        """Add a move, operation i, to the columns, with targets and frames, or the cause why it is left."""
+    def _record_move(self, op: ir.Move | ir.MoveToStored, i: int, state: State | None) -> None:
+        """Add the moves of operation i to the columns, or the cause why they cannot be corrected."""
         place = self._places[i]
-        if isinstance(op, ir.Keep):
+        if isinstance(op, ir.MoveToStored):
             text = f"a move to {op.name}, a position stored in the controller"
             self.columns.add_remark(place.line, text, op.name)
             return
@@ -688,7 +705,7 @@ class Machine:
             (self._evaluate_frame(place, base, state), self._evaluate_frame(place, tool, state))
             for base, tool in zip(op.bases, op.tools, strict=True)
         ]
-        cause = self._why_left(place, op, frames, state)
+        cause = self._find_cause_to_leave(place, op, frames, state)
         repeats = np.asarray(self._repeats.get(i, ()), dtype=np.intp).reshape(-1, 2)
         if len(repeats) and cause is None:
             lines, first = np.vstack([[place.line, place.first], repeats]).T
@@ -704,61 +721,63 @@ class Machine:
     def _add_move(
         self, op: ir.Move, place: Place, cause: Cause | None, frames: list[Frames], state: State
     ) -> None:
-        """Add one move to the columns, with its targets in a state; it is left if there is a cause."""
-        held = [self._evaluate_target(place, each, state) for each in op.targets]
-        cause = cause or next((each for each in held if isinstance(each, Cause)), None)
+        """Add one move to the columns, with its targets in a state, or with a cause to leave it."""
+        contents = [self._evaluate_target(place, each, state) for each in op.targets]
+        cause = cause or next((each for each in contents if isinstance(each, Cause)), None)
         if cause is not None:
             self._used.update(
                 (place.qualify(name), place.line) for name in op.targets if not isinstance(name, Literal)
             )
             cause = cause if cause.line else cause._replace(line=place.line, source=place.source)
-        given = [each for each in held if isinstance(each, Given)]
+        given = [each for each in contents if isinstance(each, WrittenNumbers)]
         self.columns.add_move(op, place.line, given, frames, cause)
 
-    def _why_left(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> Cause | None:
-        """Return the cause why a move is left, apart from its targets; None without a cause."""
+    def _find_cause_to_leave(
+        self, place: Place, op: ir.Move, frames: list[Frames], state: State
+    ) -> Cause | None:
+        """Return the cause why a move cannot be corrected, apart from its targets; None without a cause."""
         if op.reason:
             return place.cause(op.reason, op.remedy)
         for each in (each for pair in frames for each in pair):
             if isinstance(each, Cause):
                 return each
         for name, frame in zip(op.agree, frames[0], strict=False):
-            held = self._value_and_line(state, name)[0]
-            if isinstance(held, Cause):
-                return held
-            if held != self._language.active[name] and not (
-                isinstance(frame, FrameName) and held == frame.name
+            content = self._value_and_line(state, name)[0]
+            if isinstance(content, Cause):
+                return content
+            if content != self._language.active[name] and not (
+                isinstance(frame, FrameName) and content == frame.name
             ):
                 reason = f"the target is recorded with another {name} than the active one"
                 return place.cause(reason, "activate the frame that it is recorded with")
         return None
 
-    def _evaluate_target(self, place: Place, target: Literal | Name, state: State) -> Given | Cause:
-        """Return the numbers of a target in a state, or the cause why they are unknown."""
+    def _evaluate_target(self, place: Place, target: Literal | Name, state: State) -> WrittenNumbers | Cause:
+        """Return the numbers of a target in a state, or the cause why these numbers are unknown."""
         if isinstance(target, Literal):
-            return Given("", place.source, place.line, place.first, target)
+            return WrittenNumbers("", place.source, place.line, place.first, target)
         name = place.qualify(target)
-        held, changes = self._value_and_line(state, name)[0], self._changes.get(name, [])
-        reason = held.reason if isinstance(held, Cause) and held.line else ""
+        content, changes = self._value_and_line(state, name)[0], self._changes.get(name, [])
+        reason = content.reason if isinstance(content, Cause) and content.line else ""
         if len(changes) + (name in self._initial) > 1:
             reason = changes[-1].reason
-        elif isinstance(held, Given) and name in self._shared:
+        elif isinstance(content, WrittenNumbers) and name in self._shared:
             reason = "it is declared where other programs use it, too"
-        elif isinstance(held, Given):
-            return held if held.label == name else held._replace(label=name)
-        unknown = f"the target {shown(name)} is not given by constant numbers"
+        elif isinstance(content, WrittenNumbers):
+            return content if content.label == name else content._replace(label=name)
+        unknown = f"the target {quote_text(name)} is not given by constant numbers"
         return place.cause(f"{unknown}: {reason}" if reason else unknown, self._language.remedy)
 
     def _evaluate_frame(self, place: Place, value: Value | ir.Product, state: State) -> FrameName | Cause:
-        """Return a frame in a state, or the cause why it is unknown; frames of a product are multiplied."""
+        """Return a frame in a state, multiplied if it is a product, or the cause why the frame is unknown."""
         values = [ir.Copy(name) for name in value.names] if isinstance(value, ir.Product) else [value]
-        held = [self._evaluate(place, "", each, state) for each in values]
-        for each in held:
+        contents = [self._evaluate(place, "", each, state) for each in values]
+        for each in contents:
             if isinstance(each, Cause):
                 return each
-        given = tuple(each for each in held if isinstance(each, Given))
-        if len(given) < len(held):
-            names = {_name_of_whole(each) for each in held if isinstance(each, str)}
+        given = tuple(each for each in contents if isinstance(each, WrittenNumbers))
+        if len(given) < len(contents):
+            names = {_name_of_whole(each) for each in contents if isinstance(each, str)}
             if given or len(names) > 1:
                 return place.cause("only part of the frame is in numbers", "give the whole frame in numbers")
             name = names.pop()
@@ -772,27 +791,29 @@ class Machine:
         if pose is None:
             reason = f"{label} is not a whole frame in numbers"
             return Cause(first.line, reason, "give the whole frame in numbers", first.source)
-        return FrameName(self._spell(place, label), pose)
+        return FrameName(self._restore_spelling(place, label), pose)
 
     def _frame_by_name(self, place: Place, name: str) -> FrameName:
-        """Return a frame that is known by its name only, with a pose if no program can change the frame."""
+        """Return a frame that is known by name only, with a pose if no program can change the frame."""
         if name not in self._named:
-            self._named[name] = FrameName(self._spell(place, name), self._language.constants.get(name))
+            self._named[name] = FrameName(
+                self._restore_spelling(place, name), self._language.constants.get(name)
+            )
         return self._named[name]
 
-    def _spell(self, place: Place, name: str) -> str:
-        """Return a name as the program spells it near a place."""
+    def _restore_spelling(self, place: Place, name: str) -> str:
+        """Return a name in the spelling of the program near a place."""
         return self.columns.restore_spelling(name, place.source, place.line)
 
-    def _multiply_poses(self, given: Iterable[Given]) -> FloatArray | None:
-        """Return the product (4, 4) [m] of poses in numbers; None if the numbers of one are not a pose."""
+    def _multiply_poses(self, given: Iterable[WrittenNumbers]) -> FloatArray | None:
+        """Return the product (4, 4) [m] of poses in numbers; None if some numbers are not a pose."""
         poses = []
         for each in given:
             notation = each.literal.notation
             values = self.numerals[each.source].values[each.first + np.array(each.literal.numbers)]
             if not notation.has_pose:
                 return None
-            if not (np.abs(values) <= MAX_VALUE).all() or not notation.states(values):
+            if not (np.abs(values) <= MAX_VALUE).all() or not notation.is_valid_orientation(values):
                 return None
             poses.append(notation.pose(values))
         return np.asarray(reduce(np.matmul, poses))

@@ -61,15 +61,15 @@ _OWN_FRAME: Final = re.compile(rf"\$(BASE|TOOL|IPO_MODE)=(?:STOOL2?|SBASE|SIPO_M
 _BEFORE: Final = "set $TOOL and $BASE before the move"
 
 
-def _names_in_value(line: Line, text: str) -> list[Op]:
+def _read_value(line: Line, text: str) -> list[Op]:
     """Return the operations of a value, which may be an expression or a structure `{...}`."""
     return line.read_expression(_SEPARATED.sub(",", text) if text.startswith("{") else text)
 
 
 def _read_struct(line: Line, start: int, end: int) -> dict[str, int | str]:
-    """Return the fields of a structure `{...}` by name: ordinals of numbers, or texts.
+    """Return the fields of a structure `{...}` between two indices: ordinals of numbers, or texts.
 
-    The result is empty if a field is computed or occurs twice, or if there is no structure.
+    The result is empty if a field is computed or occurs twice, or if the text is not a structure.
     """
     match = re.compile(r"\{(?:\w+:)?([^{}]*)\}").fullmatch(line.text, start, end)
     numbers, fields = iter(line.ordinals_in(start, end)), dict[str, int | str]()
@@ -81,8 +81,8 @@ def _read_struct(line: Line, start: int, end: int) -> dict[str, int | str]:
     return fields
 
 
-def _find_target(fields: dict[str, int | str]) -> Literal | None:
-    """Return the target whose numbers the fields are; None if they are no complete pose or set of angles."""
+def _target_from_fields(fields: dict[str, int | str]) -> Literal | None:
+    """Return the target that the fields state; None if they are neither a whole pose nor all joint angles."""
     numbers = {name: value for name, value in fields.items() if isinstance(value, int)}
     for notation, names in _POSES:
         if numbers.keys() >= set(names):
@@ -94,17 +94,17 @@ def _find_target(fields: dict[str, int | str]) -> Literal | None:
 
 
 def _copy_frames(name: str, value: str) -> list[Op]:
-    """Return the operations that copy base and tool of one frame data to another."""
+    """Return the operations that copy base and tool from the frame data `value` to the frame data `name`."""
     return [ir.Assign(f"{name}.{which}", ir.Copy(f"{value}.{which}")) for which in ("BASE", "TOOL")]
 
 
 def _translate_value(line: Line, name: ir.Name, start: int, end: int) -> list[Op]:
-    """Return the operations of an assignment of the text between two places to a name.
+    """Return the operations that assign the text between two indices to a name.
 
-    The value is numbers, that of another name, or unknown.
+    The name gets numbers, the value of another name, or an unknown value.
     """
     text, fields = line.text[start:end], _read_struct(line, start, end)
-    if pose := _find_target(fields):
+    if pose := _target_from_fields(fields):
         return [ir.Assign(name, pose)]
     frames = {which: fields.get(f"{which}_NO") for which in ("BASE", "TOOL")}
     # KSS: with IPO_FRAME #TCP the tool is fixed in the cell, and the arm carries the part
@@ -120,7 +120,7 @@ def _translate_value(line: Line, name: ir.Name, start: int, end: int) -> list[Op
         return [ir.Use(frozenset({text})), ir.Assign(name, ir.Copy(text))]
     if name in {"$BASE", "$TOOL"} and text == f"{str(name)[1:]}_DATA[\0]":
         return [ir.Assign(name, ir.Copy((text.replace("\0", "%s"), line.ordinals_in(start, end)[0])))]
-    return [*_names_in_value(line, text), _forget_name(name)]
+    return [*_read_value(line, text), _forget_name(name)]
 
 
 def _forget_name(name: ir.Name) -> Op:
@@ -128,7 +128,7 @@ def _forget_name(name: ir.Name) -> Op:
     text = name if isinstance(name, str) else name[0] % "i"
     is_frame = text in {"$BASE", "$TOOL", "FDAT_ACT"} or "_DATA" in text
     reason = f"{text} changes while the program runs: it is computed, or set in part"
-    return ir.Havoc(frozenset({name}), reason, _FRAME_REMEDY if is_frame else _REMEDY)
+    return ir.MakeUnknown(frozenset({name}), reason, _FRAME_REMEDY if is_frame else _REMEDY)
 
 
 def _translate_declaration(line: Line) -> list[Op]:
@@ -146,7 +146,7 @@ def _translate_declaration(line: Line) -> list[Op]:
         name, index, value = match.groups()
         ops += [ir.Local(frozenset({name})), *line.read_expression(index or "")]
         if value and index is not None:
-            ops += [*_names_in_value(line, value), _forget_name(name)]
+            ops += [*_read_value(line, value), _forget_name(name)]
         elif value:
             given = _translate_value(line, name, *match.span(3))
             ops += [op._replace(shared=shared) if isinstance(op, ir.Assign) else op for op in given]
@@ -154,7 +154,7 @@ def _translate_declaration(line: Line) -> list[Op]:
 
 
 def _translate_assignment(line: Line) -> list[Op]:
-    """Return the operations of an assignment; an element or a field that is set makes the name unknown.
+    """Return the operations of an assignment; setting one element or field makes the whole name unknown.
 
     Raises:
         Misread: a system variable that may move targets is set, or the index of a frame is computed.
@@ -171,12 +171,12 @@ def _translate_assignment(line: Line) -> list[Op]:
     uses = line.read_expression(inner)
     if index or (name.startswith("$") and name not in {"$BASE", "$TOOL"}):
         changes = [] if name.startswith("$") and name not in {"$BASE", "$TOOL"} else [_forget_name(target)]
-        return [*uses, *_names_in_value(line, line["value"]), *changes]
+        return [*uses, *_read_value(line, line["value"]), *changes]
     return [*uses, *_translate_value(line, target, *line.span("value"))]
 
 
 def _translate_move(line: Line) -> list[Op]:
-    """Return the operations of a move; a move that is relative or has no complete target is left.
+    """Return the operations of a move; a move that is relative or has no complete target is not corrected.
 
     Raises:
         Misread: there is no target, or the settings of the move are unknown.
@@ -185,19 +185,19 @@ def _translate_move(line: Line) -> list[Op]:
     end, settings = _find_end_of_targets(line.text, begin)
     if end == begin:
         raise Misread(_NOT_WHOLE)
-    found, own = _names_after_with(line, settings)
+    found, own = _read_settings(line, settings)
     targets: list[Literal | ir.Name | None] = []
     for start, stop in split_outside_brackets(line.text[:end], begin):
         name = line.text[start:stop]
         if _KEPT.fullmatch(name):
             if name != line.text[begin:end]:
-                raise Misread("an arc through a position stored in the controller")
-            return [*found, ir.Keep(name)]
+                raise Misread("the arc goes through a position stored in the controller")
+            return [*found, ir.MoveToStored(name)]
         named = re.fullmatch(_NAME, name) and not re.fullmatch(_RESERVED, name)
-        targets.append(name if named else _find_target(_read_struct(line, start, stop)))
+        targets.append(name if named else _target_from_fields(_read_struct(line, start, stop)))
     known = tuple(each for each in targets if each is not None)
     if line["relative"] or len(known) < len(targets) or len(known) != 1 + (motion is Motion.CIRCULAR):
-        reason = "a relative move" if line["relative"] else _NOT_WHOLE
+        reason = "the target is relative to the position before the move" if line["relative"] else _NOT_WHOLE
         return ir.leave_move(
             [*found, *line.read_expression(_SEPARATED.sub(",", line.text[begin:end]))], reason, _REMEDY
         )
@@ -208,7 +208,10 @@ def _translate_move(line: Line) -> list[Op]:
 
 
 def _find_end_of_targets(text: str, begin: int) -> tuple[int, str]:
-    """Return where the targets of a move end that begin at a place, and the settings after WITH as text."""
+    """Return the index where the targets of a move end, and the text of its settings after WITH, or "".
+
+    The targets begin at index `begin`.
+    """
     match = _WITH.search(text, begin)
     if match is None:
         return _strip_blends(text, begin, len(text)), ""
@@ -217,7 +220,7 @@ def _find_end_of_targets(text: str, begin: int) -> tuple[int, str]:
 
 
 def _strip_blends(text: str, begin: int, end: int) -> int:
-    """Return the end of the text between two places without words of approximate positioning, as C_DIS."""
+    """Return the end of the text after words of approximate positioning, such as C_DIS, are cut off."""
     while match := _BLEND.search(text, max(begin, end - _LONGEST_BLEND), end):
         if match.end() < end:
             break
@@ -225,8 +228,8 @@ def _strip_blends(text: str, begin: int, end: int) -> int:
     return end
 
 
-def _names_after_with(line: Line, text: str) -> tuple[list[Op], str]:
-    """Return the operations of the settings after WITH, and the name of the move's own frame data or "".
+def _read_settings(line: Line, text: str) -> tuple[list[Op], str]:
+    """Return the operations of the settings after WITH, and the name of frame data for this move only, or "".
 
     Raises:
         Misread: a setting is unknown, calls a routine, or sets only one of base and tool.
@@ -237,20 +240,20 @@ def _names_after_with(line: Line, text: str) -> tuple[list[Op], str]:
         if match := _OWN_FRAME.fullmatch(setting):
             own[match[1]] = match[2]
         elif not setting.startswith("$") or _MOVING.match(setting) or setting.startswith(("$BASE", "$TOOL")):
-            raise Misread("the settings of the move are unknown, or frames of its own", _BEFORE)
+            raise Misread("a setting after WITH is unknown, or sets a frame for this move only", _BEFORE)
         else:
-            found += _names_in_value(line, setting.partition("=")[2])
+            found += _read_value(line, setting.partition("=")[2])
     if ir.calls_routine(found) or (
         own and (not {"BASE", "TOOL"} <= own.keys() or len(set(own.values())) > 1)
     ):
-        raise Misread("the settings of the move call a routine, or set one frame only", _BEFORE)
+        raise Misread("the settings after WITH call a routine, or set only one of tool and base", _BEFORE)
     return found, own.get("TOOL", "")
 
 
 def _translate_spline(line: Line) -> list[Op]:
-    """Return the operations of the beginning of a block of splines.
+    """Return the operations that begin a block of splines.
 
-    If the block has frames of its own, base and tool are unknown.
+    If the block sets its own frames, base and tool become unknown.
 
     Raises:
         Misread: the statement has a target, or unknown settings.
@@ -259,13 +262,13 @@ def _translate_spline(line: Line) -> list[Op]:
     end, settings = _find_end_of_targets(line.text, begin)
     if end > begin:
         raise Misread(UNKNOWN_STATEMENT)
-    found, own = _names_after_with(line, settings)
+    found, own = _read_settings(line, settings)
     reason, remedy = "the block of splines has frames of its own", "set $BASE and $TOOL before the block"
-    return [*found, *([ir.Havoc(frozenset({"$BASE", "$TOOL"}), reason, remedy)] if own else [])]
+    return [*found, *([ir.MakeUnknown(frozenset({"$BASE", "$TOOL"}), reason, remedy)] if own else [])]
 
 
 def _translate_routine(line: Line) -> list[Op]:
-    """Return the operations of the head of a routine, with its parameters."""
+    """Return the operations that begin a routine and declare its parameters."""
     names = re.findall(rf"({_NAME})(?::\w+)?", line["own"])
     return ir.begin_routine(line["name"], names, _REMEDY, shared=line.text.startswith("GLOBAL"))
 
@@ -308,7 +311,10 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
         head = rf"(?im)^[ \t]*+DEFDAT[ \t]++({_NAME})([ \t]++PUBLIC\b)?"
         data = re.search(head, source.text) if index else None
         if main and data and not is_config and data[1].upper() != main[1].upper():
-            reason, remedy = f"it declares data of {data[1]}, not of {main[1]}", "send the .dat of the .src"
+            reason, remedy = (
+                f"the file declares data of {data[1]}, not of {main[1]}",
+                "send the .dat file of this .src file",
+            )
             machine.refuse(source.line(data.start()), reason, remedy, index)
         declares = source.name.lower().endswith(".dat") and len(sources) > 1
         # Only a .dat that is public, and $config.dat, can be changed by other programs.

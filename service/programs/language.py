@@ -1,8 +1,8 @@
 """Words of the intermediate language, and the normal form of a statement that the readers translate.
 
 The normal form has no comments, one blank between words and none elsewhere, and NUL in place of each number:
-it is the same for all statements of one shape, so that a shape is translated once, in linear time.
-Possessive are repeated characters only, no groups: Python before 3.11.5 keeps what a failed group had taken.
+statements that differ in their numbers only have the same normal form, which is translated once.
+Possessive quantifiers follow characters only: Python before 3.11.5 keeps the match of a failed group.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from functools import cached_property, lru_cache
 from itertools import accumulate
 from typing import Any, Final, NamedTuple, TypeAlias
 
-from jointstiff.service.programs.errors import CONSTANT, shown
+from jointstiff.service.programs.errors import CONSTANT, quote_text
 from jointstiff.service.programs.notation import Notation
 from jointstiff.service.programs.program import Literal, Motion, Source
 from jointstiff.solver.arrays import FloatArray
@@ -32,7 +32,7 @@ Name: TypeAlias = str | tuple[str, int]
 
 
 class Copy(NamedTuple):
-    """Value of another variable; with `through`, the variable holds a name whose value is meant."""
+    """Value of another variable; with `through`, of the variable whose name that other variable holds."""
 
     name: Name
     through: bool = False
@@ -45,7 +45,7 @@ class Named(NamedTuple):
 
 
 class Product(NamedTuple):
-    """Product of frames by their names, each frame given in the frame before."""
+    """Product of frames, by their names; each frame is given in the coordinates of the frame before it."""
 
     names: tuple[str, ...]
 
@@ -58,9 +58,11 @@ class Assign(NamedTuple):
 
     name: Name
     value: Value
-    declares: str = ""  # `variable` or `constant`, where the name has it before the program runs
+    declares: str = (
+        ""  # `variable` or `constant` if the name has the value before the program runs; else empty
+    )
     shared: bool = False  # whether other programs know the name
-    own: bool = False  # whether no other program knows it
+    own: bool = False  # whether no other program knows the name
 
 
 class Local(NamedTuple):
@@ -69,7 +71,7 @@ class Local(NamedTuple):
     names: frozenset[str]
 
 
-class Havoc(NamedTuple):
+class MakeUnknown(NamedTuple):
     """Statement that gives unknown values to names; without names, to all names and the active frames."""
 
     names: frozenset[Name]
@@ -84,7 +86,9 @@ class Call(NamedTuple):
     name: Name
     passed: frozenset[str] = frozenset()  # names that the routine gets as arguments
     attached: bool = False
-    quiet: bool = False  # whether it changes nothing, unless the program defines a routine of this name
+    quiet: bool = (
+        False  # whether the call changes nothing, unless the program defines a routine with this name
+    )
 
 
 class Use(NamedTuple):
@@ -94,7 +98,7 @@ class Use(NamedTuple):
 
 
 class Move(NamedTuple):
-    """Move to targets; with a reason, it is left as it is."""
+    """Move to targets; a move with a reason is not corrected."""
 
     motion: Motion
     targets: tuple[Literal | Name, ...]
@@ -106,14 +110,14 @@ class Move(NamedTuple):
 
     @property
     def differs_only_in_target(self) -> bool:
-        """Return whether two moves of this shape can differ only in the numbers of their single target."""
+        """Return whether moves with this masked text can differ only in the numbers of one target."""
         own = isinstance(self.targets[0], Literal) if len(self.targets) == 1 else False
         return own and not (
             self.agree or self.reason or any(isinstance(base, Literal) for base in self.bases)
         )
 
 
-class Keep(NamedTuple):
+class MoveToStored(NamedTuple):
     """Move to a position that is stored in the controller, not in the program."""
 
     name: str
@@ -131,13 +135,13 @@ class Flow(NamedTuple):
     shared: bool = False  # whether other programs may call a routine, with frames of their own
 
 
-Op: TypeAlias = Assign | Local | Havoc | Call | Use | Move | Keep | Flow
+Op: TypeAlias = Assign | Local | MakeUnknown | Call | Use | Move | MoveToStored | Flow
 
 
 UNKNOWN_STATEMENT: Final = "the statement is unknown: it may move the robot, targets or frames"
 
 
-class Misread(Exception):  # noqa: N818  # it is no failure of ours
+class Misread(Exception):  # noqa: N818  # a statement that is not understood is no failure of the program
     """Error that a statement is not understood."""
 
     def __init__(self, reason: str, remedy: str = "") -> None:
@@ -160,11 +164,11 @@ class Line:
         return (self.match and self.match.groupdict().get(group)) or ""
 
     def span(self, group: str) -> tuple[int, int]:
-        """Return first and last + 1 character of the part that matched a named group."""
+        """Return the indices, first and last + 1 character, of the part that matched a named group."""
         return self.match.span(group) if self.match else (0, 0)
 
     def ordinals_in(self, *span: int) -> tuple[int, ...]:
-        """Return the ordinals of the numbers between two places of the text."""
+        """Return the ordinals of the numbers between two indices of characters, `span`, of the text."""
         starts = _number_starts(self.text)
         return self.ordinals[slice(*(bisect_left(starts, end) for end in span))]
 
@@ -184,8 +188,8 @@ def _number_starts(text: str) -> tuple[int, ...]:
 
 
 Rule: TypeAlias = "str | Callable[[Line], list[Op]]"
-"""What a statement does apart from its expressions: a kind of `Flow` with the name, or a function of its
-line."""
+"""Effect of a statement apart from its expressions: the kind of a `Flow`, or a function of the `Line` that
+returns the operations."""
 
 
 @dataclass(frozen=True)
@@ -201,21 +205,31 @@ class Language:
     text: str = r'"[^"\r\n]*+"'  # pattern of texts and of constants that are no number
     word: str = r"[^\W\d]\w*+"
     number: str = NUMBER
-    blank: str = ""  # pattern of what ends a line that is continued, as a blank does
+    blank: str = ""  # pattern of text that counts as a blank, such as the end of a line that is continued
     folded: bool = True  # whether capitals and small letters are the same: the normal form has capitals
     operators: str = ""  # pattern of words between or before operands
     reserved: str = r"(?!)"  # pattern of words that begin statements: none of them is a variable
-    functions: str = ""  # pattern of the controller's functions, which tell a value and change nothing
-    active: Mapping[str, str] = field(default_factory=dict)  # frames that are active, and their names
+    functions: str = ""  # pattern of the controller's functions, which return a value and change nothing
+    active: Mapping[str, str] = field(
+        default_factory=dict
+    )  # names of the active frames' variables, and of the frames in messages
     constants: Mapping[str, FloatArray] = field(default_factory=dict)  # frames that no program changes
-    is_frame: Callable[[str], bool] = lambda _: False  # names of frames that have numbers elsewhere
-    parts: tuple[str, ...] = ()  # ends of the names of what names may have as parts
+    is_frame: Callable[[str], bool] = lambda _: (
+        False
+    )  # tells whether a name is that of a frame with numbers outside the program
+    parts: tuple[
+        str, ...
+    ] = ()  # endings such as `.BASE`, with which a name becomes the name of one of its fields
     callers: bool = False  # whether other programs may call each of the routines
-    suffixes: str = ""  # of the names of its files
-    pose: Notation | None = None  # in which its users write frames; None for that of the program
+    suffixes: str = ""  # suffixes of the names of its files, separated by blanks
+    pose: Notation | None = None  # notation in which users write frames; None for the notation of the program
     remark: str = "#"  # begin of a remark
-    head: str = ""  # pattern of the beginning of the line behind which a mark is; else it is the first
-    read: Callable[[Any, tuple[Source, ...]], None] | None = None  # how the files of a machine are divided
+    head: str = (
+        ""  # pattern of the beginning of the line after which the mark is inserted; empty for the first line
+    )
+    read: Callable[[Any, tuple[Source, ...]], None] | None = (
+        None  # function that adds the files to a machine; None if each line is a statement
+    )
 
     @cached_property
     def numbers(self) -> re.Pattern[str]:
@@ -255,10 +269,10 @@ class Language:
             re.compile(self.functions, flags),
         )
 
-    def normalise(self, shape: str) -> Line:
-        """Return the normal form of a statement, `shape` being its text with NUL in place of each number."""
+    def normalise(self, masked: str) -> Line:
+        """Return the normal form of a statement; `masked` is its text with NUL in place of each number."""
         pieces, ordinals, number, behind, below = list[str](), list[int](), 0, False, 0
-        for match in self._token.finditer(shape):
+        for match in self._token.finditer(masked):
             kind, piece = match.lastgroup, match[0]
             count = piece.count("\0")
             if kind in {"blank", "comment"}:
@@ -275,30 +289,30 @@ class Language:
         text = re.sub(self.blank, " ", text).strip() if self.blank else text
         return Line(self, text, tuple(ordinals), below)
 
-    def translate(self, shape: str) -> list[tuple[int, Op]]:
+    def translate(self, masked: str) -> list[tuple[int, Op]]:
         """Return the operations of a statement, each with its number of lines below the first line.
 
-        `shape` is the statement with NUL in place of each number. A statement that is not understood may do
+        `masked` is the statement with NUL in place of each number. A statement that is not understood may do
         anything.
 
         Raises:
             Misread: braces are nested too deep.
         """
-        line = self.normalise(shape)
+        line = self.normalise(masked)
         if max(accumulate((sign == "{") - (sign == "}") for sign in line.text), default=0) > _MAX_DEPTH:
             reason = f"braces are nested more than {_MAX_DEPTH} deep"
             raise Misread(reason, "declare inner structures on their own")
         try:
             ops = self.apply_rules(line) if line.text else []
         except Misread as fault:
-            return self._unknown(shape, line, fault)
-        moves = sum(isinstance(op, Move | Keep) for op in ops)
+            return self._unknown(masked, line, fault)
+        moves = sum(isinstance(op, Move | MoveToStored) for op in ops)
         if len(self._motion.findall(_QUOTED.sub("", line.text))) > moves:
-            return self._unknown(shape, line, Misread("a move is where none is expected"))
+            return self._unknown(masked, line, Misread("a move is in a place where no move is expected"))
         return [(line.below, op) for op in ops]
 
     def apply_rules(self, line: Line) -> list[Op]:
-        """Return the operations of a statement by the first rule that fits.
+        """Return the operations of a statement, from the first rule that fits the whole statement.
 
         Raises:
             Misread: no rule fits the statement, or a part of it is not understood.
@@ -316,20 +330,20 @@ class Language:
                 return [*found, *([Flow(rule, name)] if rule else [])]
         raise Misread(UNKNOWN_STATEMENT)
 
-    def _unknown(self, shape: str, line: Line, fault: Misread) -> list[tuple[int, Op]]:
-        """Return the operations of a statement that is not understood: it may change all names.
+    def _unknown(self, masked: str, line: Line, fault: Misread) -> list[tuple[int, Op]]:
+        """Return the operations of a statement that is not understood, and may therefore change all names.
 
-        Each word of a motion in the statement is a move that is left.
+        Each word of a motion in the statement becomes a move that is not corrected.
         """
         reason = f"{quote_statement(line.text, line.ordinals)}: {fault.reason}"
         remedy, names = fault.remedy or self.remedy, _NAME.findall(_QUOTED.sub("_", line.text))
         ops: list[tuple[int, Op]] = [
-            (line.below, Havoc(frozenset(), reason, remedy)),
-            (line.below, Havoc(frozenset([*names, "_"]), reason, remedy)),
+            (line.below, MakeUnknown(frozenset(), reason, remedy)),
+            (line.below, MakeUnknown(frozenset([*names, "_"]), reason, remedy)),
         ]
         shown_only, below, place = {"comment", "text"}, 0, 0
         hidden = self._token.sub(
-            lambda match: _SIGN.sub(" ", match[0]) if match.lastgroup in shown_only else match[0], shape
+            lambda match: _SIGN.sub(" ", match[0]) if match.lastgroup in shown_only else match[0], masked
         )
         for match in self._motion.finditer(hidden):
             below += len(_LINE_END.findall(hidden, place, match.start()))
@@ -348,7 +362,7 @@ class Language:
         operators, reserved, functions = self._words
         plain = operators.sub("+", _QUOTED.sub('""', text))
         if reserved.search(plain) or _FAULT.search(plain) or not _balanced(plain):
-            raise Misread("this text is unknown, or not complete")
+            raise Misread("this text is not understood, or is not complete")
         names = frozenset(_NAME.findall(plain))
         ops: list[Op] = [Use(names)] if names else []
         for name in dict.fromkeys(match[1] for match in _CALLED.finditer(plain)):
@@ -363,7 +377,7 @@ class Language:
 def quote_statement(text: str, ordinals: Iterable[int]) -> str:
     """Return a statement in quotation marks for a reason, with NUL, ordinal, NUL in place of each number."""
     numbers = iter(ordinals)
-    return re.sub("@#@", lambda _: f"\0{next(numbers)}\0", shown(text.replace("\0", "@#@")))
+    return re.sub("@#@", lambda _: f"\0{next(numbers)}\0", quote_text(text.replace("\0", "@#@")))
 
 
 def calls_routine(ops: list[Op]) -> bool:
@@ -372,26 +386,34 @@ def calls_routine(ops: list[Op]) -> bool:
 
 
 def mark_attached(ops: list[Op]) -> list[Op]:
-    """Return operations whose calls may run at any time, or more than once."""
+    """Return the operations with each call marked as one that may run at any time, or more than once."""
     return [op._replace(attached=True) if isinstance(op, Call) else op for op in ops]
 
 
 def leave_move(found: list[Op], reason: str, remedy: str, motion: Motion = Motion.LINEAR) -> list[Op]:
-    """Return the operations of a move that is left for a reason; `found` is what its text uses."""
+    """Return the operations of a move that is not corrected, for a reason.
+
+    `found` are operations of the expressions in the move, which come first.
+    """
     return [*found, Move(motion, (), reason=reason, remedy=remedy)]
 
 
 def begin_counted_loop(name: str, remedy: str) -> list[Op]:
     """Return the operations of the beginning of a loop that counts with a variable."""
-    return [Flow("loop"), Havoc(frozenset({name}), f"{name} counts a loop", remedy)]
+    return [Flow("loop"), MakeUnknown(frozenset({name}), f"{name} counts a loop", remedy)]
 
 
 def begin_routine(
     name: str, own: Iterable[str], remedy: str, *, aside: bool = False, shared: bool = False
 ) -> list[Op]:
-    """Return the operations of the beginning of a routine; `own` are its parameters, of unknown values."""
+    """Return the operations of the beginning of a routine; its parameters `own` have unknown values.
+
+    `aside` marks a routine that may run at any time, `shared` one that other programs may call.
+    """
     names = frozenset(own)
-    unknown: list[Op] = [Local(names), Havoc(names, "a parameter of the routine", remedy)] if names else []
+    unknown: list[Op] = (
+        [Local(names), MakeUnknown(names, "its value is a parameter of the routine", remedy)] if names else []
+    )
     return [Flow("aside" if aside else "routine", name, shared=shared), *unknown]
 
 
@@ -405,7 +427,7 @@ _PAIRS: Final = {")": "(", "]": "[", "}": "{"}
 
 
 def _balanced(text: str) -> bool:
-    """Return whether each bracket of a text is closed, and each quotation ended."""
+    """Return whether each bracket and each quotation of a text is closed."""
     opened: list[str] = []
     for sign in re.findall(r"[()\[\]{}\"]", _QUOTED.sub("", text)):
         if sign == '"':
@@ -418,7 +440,7 @@ def _balanced(text: str) -> bool:
 
 
 _MAX_DEPTH: Final = 16
-"""Braces within one another; a controller's own structures have three."""
+"""Largest depth of braces within one another; structures of controllers need a depth of three."""
 _QUOTED: Final = re.compile(r'"[^"]*+"')
 _PART: Final = re.compile(r"([@#])\{(\w+)\}")
 _SIGN: Final = re.compile(r"[^\r\n]")
@@ -426,9 +448,10 @@ _LINE_END: Final = re.compile(r"\r\n?|\n")
 
 
 def split_outside_brackets(text: str, begin: int = 0, sign: str = ",") -> Iterator[tuple[int, int]]:
-    """Yield first and last + 1 character of the parts of a text between commas, or another sign.
+    """Yield the span of each part of a text between commas, or between another sign.
 
-    Signs in brackets or quotations do not count; `begin` is where the first part begins.
+    A span is the index of the first character, and of the last + 1. Signs in brackets or quotations do not
+    count; the first part begins at index `begin`.
     """
     depth, first = 0, begin
     for match in re.finditer(rf'"[^"]*+"|[()\[\]{{}}]|{re.escape(sign)}', text[begin:]):

@@ -1,4 +1,4 @@
-"""Numbers of a program: read all at once, what they mean as poses in SI units, and others in their place.
+"""Numbers of a program: reading of all numbers, conversion to poses in SI units, replacement by new numbers.
 
 Source: docs/method.md section 12.
 """
@@ -44,19 +44,21 @@ _GIMBAL: Final = 1e-9
 class Notation:
     """Meaning of the numbers of a target."""
 
-    orientation: Orientation  # what follows the position; JOINTS where angles stand in place of a pose
+    orientation: (
+        Orientation  # convention of the numbers after the position; JOINTS if all numbers are joint angles
+    )
     length: float = MM  # metres in the unit of position
     angle: float = DEGREE  # radians in the unit of angles (1 where there are none)
     length_decimals: int = 4  # digits behind the point that a changed position gets at least
-    angle_decimals: int = 5  # the same of a changed angle or component of an orientation
+    angle_decimals: int = 5  # fewest decimals of a changed angle or component of an orientation
 
     @property
     def count(self) -> int:
-        """Number of numbers that state an orientation."""
+        """Count of the numbers that state an orientation: 4 (quaternion), 0 (position only), else 3."""
         return _COUNT.get(self.orientation, 3)
 
     def pose(self, values: Sequence[float] | FloatArray) -> FloatArray:
-        """Return the pose (4, 4) [m], tool in base, of the numbers of one target."""
+        """Return the pose (4, 4) [m] of the tool in the base that the numbers of a target state."""
         return np.asarray(self.poses(np.array([values], dtype=float))[0], dtype=float)
 
     @property
@@ -69,8 +71,8 @@ class Notation:
         """Return whether the numbers are joint angles."""
         return self.orientation is Orientation.JOINTS
 
-    def states(self, values: FloatArray) -> BoolArray:
-        """Return a mask (...) of the targets whose numbers (..., 3 + count) are a valid orientation.
+    def is_valid_orientation(self, values: FloatArray) -> BoolArray:
+        """Return a mask (...) of the targets whose numbers (..., 3 + count) state a valid orientation.
 
         A quaternion must have unit length, and a tool's axis must not be zero.
         """
@@ -108,16 +110,16 @@ class Notation:
         return poses
 
     def _reorder_to_zyx(self, angles: FloatArray) -> FloatArray:
-        """Return angles (m, 3) in the order Z, Y', X'', or back in the order of this notation.
+        """Convert angles (m, 3) from the order of this notation to the order Z, Y', X'', or back.
 
         Rotations about the fixed X, Y, Z are the same rotations in reverse order.
         """
         return angles if self.orientation is Orientation.EULER_ZYX else angles[:, ::-1]
 
     def values(self, poses: FloatArray, near: FloatArray) -> FloatArray:
-        """Return the numbers (m, 3 + count) of poses (m, 4, 4) [m].
+        """Return the numbers (m, 3 + count) by which this notation writes poses (m, 4, 4) [m].
 
-        Of all numbers that mean the same pose, those nearest to `near` (m, 3 + count) are returned.
+        Many numbers state one pose; those nearest to the old numbers `near` (m, 3 + count) are returned.
         """
         if not len(poses):
             return near.copy()
@@ -126,7 +128,7 @@ class Notation:
         rotations, old = poses[:, :3, :3], near[:, 3:]
         if self.orientation is Orientation.QUATERNION:
             new = Rotation.from_matrix(rotations).as_quat()[:, [3, 0, 1, 2]]
-            # With the length of the old quaternion, which is rounded, an unchanged one gets the same numbers.
+            # The old quaternion has a rounded length; with this length, an unchanged one keeps its numbers.
             new *= np.linalg.norm(old, axis=1, keepdims=True)
             numbers[:, 3:] = np.where(np.sum(new * old, axis=1, keepdims=True) < 0, -new, new)
         elif self.orientation is Orientation.ROTATION_VECTOR:
@@ -140,7 +142,7 @@ class Notation:
 
 
 def _nearest_vector(vectors: FloatArray, near: FloatArray) -> FloatArray:
-    """Return rotation vectors (m, 3) [rad] of the same rotations, with the full turns nearest to `near`."""
+    """Return rotation vectors (m, 3) [rad], with the full turns that bring them nearest to `near`."""
     angle = np.linalg.norm(vectors, axis=1, keepdims=True)
     still = angle < 1e-12
     usual = np.linalg.norm(near, axis=1, keepdims=True)
@@ -163,9 +165,9 @@ def _rotations(angles: FloatArray) -> FloatArray:
 
 
 def _nearest_angles(rotations: FloatArray, near: FloatArray) -> FloatArray:
-    """Return the angles (m, 3) [rad] about Z, Y', X'' of rotations (m, 3, 3) that are nearest to `near`.
+    """Return the angles (m, 3) [rad] about Z, Y', X'' of rotations (m, 3, 3), as near to `near` as possible.
 
-    The two solutions of each rotation and full turns are compared. In a gimbal lock, the last angle stays.
+    Each rotation has two solutions, up to full turns. In a gimbal lock, the last angle is that of `near`.
     """
     r = rotations
     cosine = np.hypot(r[:, 0, 0], r[:, 1, 0])
@@ -201,7 +203,7 @@ Edit: TypeAlias = tuple[int, int, str]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Numerals:
-    """All N numbers of a text, and the text without these numbers."""
+    """All N numbers of a text, and the text with NUL in place of each number."""
 
     values: FloatArray  # (N,) numbers
     starts: Places  # (N,) first character of each number
@@ -209,8 +211,8 @@ class Numerals:
     rest: str  # the text with `\0` in place of each number
 
     @classmethod
-    def of(cls, text: str, pattern: str) -> Numerals:
-        r"""Find the numbers of a text by a pattern; the text has no `\0`, and no number spans two lines."""
+    def from_text(cls, text: str, pattern: str) -> Numerals:
+        r"""Find the numbers in a text without `\0` by a pattern; no number spans two lines."""
         split = re.compile(f"({pattern})").split
         values, spans, rest, begin = [np.zeros(0)], [np.zeros((0, 2), dtype=np.int32)], [], 0
         while begin < len(text):
@@ -226,8 +228,8 @@ class Numerals:
         starts, ends = np.concatenate(spans).T.copy()
         return cls(np.concatenate(values), starts, ends, "".join(rest))
 
-    def shapes(self, starts: IndexArray, ends: IndexArray) -> tuple[Iterator[str], IndexArray]:
-        """Cut parts out of the text.
+    def masked_texts(self, starts: IndexArray, ends: IndexArray) -> tuple[Iterator[str], IndexArray]:
+        """Return k parts of the text, with NUL in place of each number.
 
         Args:
             starts: (k,) first character of each part.
@@ -243,7 +245,7 @@ class Numerals:
 
 
 def _parse_numbers(numbers: Sequence[str]) -> FloatArray:
-    """Return numbers as an array; they may have decimal commas, or be binary as KUKA's 'B010'."""
+    """Parse the texts of numbers; the numbers may have decimal commas, or be binary such as KUKA's 'B010'."""
     try:
         return np.fromiter(map(float, numbers), dtype=np.float64, count=len(numbers))
     except ValueError:  # a binary number or a decimal comma: the slower way
@@ -265,7 +267,7 @@ _SHOWING: Final = 1 << 16
 
 
 def has_decimal_commas(table: str) -> bool:
-    """Return whether a table writes decimal commas: a comma that separates no thousands, and no point."""
+    """Return whether a table has numbers with decimal commas, and no number with a decimal point."""
     begin = table[:_SHOWING]
     return _COMMA.search(begin) is not None and _POINT.search(begin) is None
 
@@ -307,12 +309,12 @@ def format_new_numbers(
 
 
 def _format_numbers(numbers: FloatArray, digits: int) -> list[str]:
-    """Return numbers as texts with a number of decimals; one format for all is faster than many."""
+    """Return numbers as texts with `digits` decimals; one format for all numbers is faster than many."""
     return ("\n".join([f"%.{digits}f"] * len(numbers)) % tuple(numbers.tolist())).split("\n")
 
 
 def _count_decimals(signs: Characters, spans: Places) -> IndexArray:
-    """Return the number of decimals (m,) of the numbers at spans (m, 2) of a text."""
+    """Return the counts of decimals (m,) of m numbers, which are at the spans (m, 2) of a text."""
     starts, ends = spans.T
     powers = np.flatnonzero((signs | 32) == ord("e"))
     points = np.flatnonzero((signs == ord(".")) | (signs == ord(",")))
@@ -326,7 +328,7 @@ def _count_decimals(signs: Characters, spans: Places) -> IndexArray:
 def pad_number(signs: Characters, start: int, end: int, number: str) -> Edit:
     """Return the edit that replaces a number and keeps its end in the same column of the text.
 
-    Blanks before the number are removed or added; if they do not suffice, the end moves.
+    Blanks before the number are removed or added. If there are too few blanks, the number ends further right.
     """
     before = signs[max(start - _MOST_BLANKS, 0) : start].tobytes()
     blanks = len(before) - len(before.rstrip(b" "))

@@ -1,4 +1,4 @@
-"""A robot program: its targets with where their numbers stand, and the same program with other numbers."""
+"""A robot program: its targets, the places of their numbers in the text, and rewriting of the numbers."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from jointstiff.service.programs.notation import (
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 
 NUMBERS: Final = 7
-"""Most numbers of a target; the arm's configuration follows them."""
+"""Largest count of numbers of a target; numbers of the arm's configuration follow them."""
 WORDS: Final = 4
-"""Most numbers of a target that state the arm's configuration."""
+"""Largest count of numbers that state the arm's configuration at a target."""
 BLOCK: Final = 4096
 """Number of targets that are processed together."""
 
@@ -94,9 +94,9 @@ class Literal:
     notation: Notation  # meaning of the numbers
     numbers: tuple[int, ...]  # numbers of the target
     external: tuple[int, ...] = ()  # external axes, and other groups; -1 for one that is not stated
-    words: tuple[tuple[str, int], ...] = ()  # what is stated of the arm's configuration
+    words: tuple[tuple[str, int], ...] = ()  # names and numbers that state the arm's configuration
     letters: str = ""  # the part of the configuration that is in letters
-    steady: tuple[int, ...] = ()  # numbers that all targets have to share, such as that of the tool
+    common: tuple[int, ...] = ()  # numbers that all targets have to share, such as that of the tool
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +126,7 @@ class Targets:
         return np.array(of_literal, dtype=np.intp)[self.literal]
 
     def by_notation(self, rows: IndexArray) -> Iterator[tuple[Notation, IndexArray]]:
-        """Yield each notation with the positions, in the index array `rows`, of the targets that have it."""
+        """Yield each notation, and the positions in `rows` (indices) of the targets with this notation."""
         of_target = self.notation[rows]
         for i, notation in enumerate(self.notations):
             yield notation, np.flatnonzero(of_target == i)
@@ -138,7 +138,7 @@ class Targets:
 
     @property
     def angle_unit(self) -> FloatArray:
-        """Units (t,) of the targets' angles in rad."""
+        """Factors (t,) from the units of the targets' angles to rad."""
         return np.array([each.angle for each in self.notations])[self.notation]
 
     def __len__(self) -> int:
@@ -156,12 +156,12 @@ class Moves:
 
     @cached_property
     def of_visit(self) -> IndexArray:
-        """Index (v,) of the move of each visit."""
+        """Indices (v,) of the moves to which the visits belong."""
         return np.repeat(np.arange(len(self.ends)), np.diff(self.ends, prepend=0))
 
     @property
     def by_joint(self) -> BoolArray:
-        """Mask (v,) of the visits that are reached by a joint move."""
+        """Mask (v,) of the visits that belong to a joint move."""
         return np.asarray(self.motion == _MOTIONS.index(Motion.JOINT))[self.of_visit]
 
     def __len__(self) -> int:
@@ -170,16 +170,16 @@ class Moves:
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """Statement that is left as it is, and needs no decision of the user."""
+    """Statement that is not corrected, without need of a decision by the user."""
 
     line: int
-    text: str  # why it is left
+    text: str  # why the statement is not corrected
     target: str = ""  # position stored in the controller, if the statement is a move to one
 
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """Program with its moves that can be corrected, and those that are left as they are."""
+    """Program with the moves that can be corrected, and the moves that are left without a correction."""
 
     format: str  # name of its format
     sources: tuple[Source, ...]  # its files
@@ -264,6 +264,6 @@ class Rewriting:
         return read
 
     def files(self) -> list[bytes]:
-        """Return the bytes of the files, rewritten so far."""
+        """Return the bytes of all files, with the numbers that were replaced so far."""
         parts = zip(self._pieces, self._signs, self._done, strict=True)
         return [b"".join([*pieces, signs[done:].tobytes()]) for pieces, signs, done in parts]

@@ -36,7 +36,7 @@ _RESERVED: Final = (
     r"|STEP|DO|ENDFOR|WHILE|ENDWHILE|TEST|CASE|DEFAULT|GOTO|ERROR|UNDO|BACKWARD|CONNECT|WITH|RETURN|RAISE|RETRY"
     r"|TRYNEXT|EXIT|ENDTEST|MOVE\w*|TRIGG[LJC]"
 )
-# Functions that tell a value
+# Functions that return a value and change nothing
 _FUNCTIONS: Final = (
     r"ABS|A?(?:COS|SIN)|A?TAN2?|EXP|POW|SQRT|ROUND|TRUNC|DIM|PRESENT|TESTDI|[DGA](?:IN|OUT)PUT|CLKREAD"
     r"|(?:NUM|VAL|BYTE)TOSTR|STR(?:LEN|PART)|C(?:ROBT|JOINTT|POS|TOOL|WOBJ|DATE|TIME)|OPMODE|RUNMODE|OFFS|RELTOOL"
@@ -58,46 +58,48 @@ _FRAMES_OF: Final = {"WOBJDATA": (".UFRAME", ".OFRAME"), "TOOLDATA": (".TFRAME",
 
 
 def _translate_routine(line: Line) -> list[Op]:
-    """Return the operations of the head of a routine, with its parameters."""
+    """Return the operations that begin a routine and declare its parameters."""
     return ir.begin_routine(line["name"], re.findall(rf"({_WORD})(?=,|\||$|\{{)", line["own"]), _REMEDY)
 
 
 def _translate_test(line: Line) -> list[Op]:
-    """Return the operations of TEST with its first CASE, DEFAULT or ENDTEST, which are one statement."""
+    """Return the operations of TEST up to its first CASE, DEFAULT or ENDTEST."""
     first = ir.mark_attached(line.read_expression(line["first"])) if line["first"] else []
     kind = "close" if line.text[-1] != ":" else "turn" if line["first"] else "default"
     return [ir.Flow("if"), *first, ir.Flow(kind)]
 
 
 def _refuse_one_line_if(_line: Line) -> list[Op]:
-    """Refuse an IF without THEN.
+    """Raise the error that an IF without THEN is not understood.
 
     Raises:
         Misread: always.
     """
-    raise Misread("a move, a call or an assignment after IF", "write IF ... THEN ... ENDIF")
+    raise Misread(
+        "an IF without THEN is followed by a move, a call or an assignment", "write IF ... THEN ... ENDIF"
+    )
 
 
 def _translate_instruction(line: Line) -> list[Op]:
-    """Return the operations of any other instruction: one of the controller, or a call of a routine."""
+    """Return the operations of an instruction of the controller, or of the call of a routine."""
     name = line["name"]
     arguments = re.sub(r",{2,}", ",", re.sub(r"\\(\w+)(:=)?", r",\1,", line["arguments"])).strip(",")
     found = line.read_expression(arguments)
     names = frozenset(each for op in found if isinstance(op, ir.Use) for each in op.names)
     if name in {"INCR", "DECR", "ADD", "CLEAR"}:  # they change their first argument
-        return [*found, ir.Havoc(names, f"{name} changes it while the program runs", _REMEDY)]
+        return [*found, ir.MakeUnknown(names, f"{name} changes it while the program runs", _REMEDY)]
     if re.fullmatch(_QUIET, name):
         return [*found, ir.Call(name, quiet=True)]
     if _PROCESS_MOVE.fullmatch(name):
-        reason, remedy = f"{name}: a move of a process", "write it as MoveL, MoveJ or MoveC"
-        return ir.leave_move([*found, ir.Havoc(frozenset(), reason, remedy)], reason, remedy)
+        reason, remedy = f"{name} is a move of a process such as welding", "write it as MoveL, MoveJ or MoveC"
+        return ir.leave_move([*found, ir.MakeUnknown(frozenset(), reason, remedy)], reason, remedy)
     if _SHIFTS.match(name):
-        return [*found, ir.Havoc(frozenset(), f"{name}: it moves targets or frames", "omit it")]
+        return [*found, ir.MakeUnknown(frozenset(), f"{name} moves targets or frames", "omit it")]
     return [*found, ir.Call(name, names)]
 
 
 def _read_target(line: Line, start: int, end: int) -> Literal | None:
-    """Return the robtarget or jointtarget in numbers between two places; None if there is neither."""
+    """Return the robtarget or jointtarget between two indices of the text; None if neither is there."""
     numbers = line.ordinals_in(start, end)
     if _LITERALS["ROBTARGET"].fullmatch(line.text, start, end):
         words = tuple(zip(("cf1", "cf4", "cf6", "cfx"), numbers[7:], strict=False))
@@ -108,9 +110,10 @@ def _read_target(line: Line, start: int, end: int) -> Literal | None:
 
 
 def _assign_data(line: Line, name: str, start: int, end: int, *kinds: str) -> list[ir.Assign]:
-    """Return the assignments of numbers between two places to data of one of these kinds.
+    """Return the assignments of the numbers between two indices of the text to data of one of these kinds.
 
-    A target is one assignment; a tool has one frame, and a work object has two. Without numbers, return [].
+    A target and a tool give one assignment; a work object gives two, one for each of its frames. Return []
+    if the text is not data in numbers.
     """
     target = _read_target(line, start, end)
     if target is not None and {"ROBTARGET", "JOINTTARGET"} & set(kinds):
@@ -127,12 +130,12 @@ def _assign_data(line: Line, name: str, start: int, end: int, *kinds: str) -> li
 
 
 def _frame_product(name: str, kind: str) -> ir.Product:
-    """Return the product of the frames of a work object or a tool."""
+    """Return the product of the frames of data `name`; `kind` is WOBJDATA (work object) or TOOLDATA."""
     return ir.Product(tuple(f"{name}{frame}" for frame in _FRAMES_OF[kind]))
 
 
 def _translate_declaration(line: Line) -> list[Op]:
-    """Return the operations of a declaration: a value in numbers, else one that is not known."""
+    """Return the operations of a declaration, which gives numbers or an unknown value to a name."""
     name, value = line["name"], line["value"]
     found: list[Op] = [
         ir.Local(frozenset({name})),
@@ -145,11 +148,11 @@ def _translate_declaration(line: Line) -> list[Op]:
     found += line.read_expression(value)
     what = "frame" if "DATA" in line["type"] else "target"
     reason = f"{name} is not a fixed {what} in numbers, or changes while the program runs"
-    return [*found, ir.Havoc(frozenset({name}), reason, _FRAME_REMEDY)]
+    return [*found, ir.MakeUnknown(frozenset({name}), reason, _FRAME_REMEDY)]
 
 
 def _translate_assignment(line: Line) -> list[Op]:
-    """Return the operations of an assignment: numbers of a target or a frame, else an unknown value."""
+    """Return the operations of an assignment, which gives numbers or an unknown value to a name."""
     name, part, value = line["name"], line["part"], line["value"]
     given = [] if part else _assign_data(line, name, *line.span("value"), *_LITERALS)
     if part in {".UFRAME", ".OFRAME", ".TFRAME"} and re.fullmatch(_POSES, value):
@@ -158,11 +161,11 @@ def _translate_assignment(line: Line) -> list[Op]:
         return list(given)
     index = part.replace("{", ",[").replace("}", "]").lstrip(",") if "{" in part else ""
     uses = [*line.read_expression(index), *line.read_expression(value)]
-    return [*uses, ir.Havoc(frozenset({name}), f"{name} changes while the program runs", _FRAME_REMEDY)]
+    return [*uses, ir.MakeUnknown(frozenset({name}), f"{name} changes while the program runs", _FRAME_REMEDY)]
 
 
 def _translate_move(line: Line) -> list[Op]:
-    """Return the operations of a move; it is left if a target is not given by numbers.
+    """Return the operations of a move; a move without a target in numbers is not corrected.
 
     Raises:
         Misread: arguments are missing, unknown or computed.
@@ -187,7 +190,7 @@ def _translate_move(line: Line) -> list[Op]:
         return ir.leave_move([*found, *uses], "the target is not given by numbers", _REMEDY)
     found += [op for each in given[count:last] + given[last + 1 :] for op in line.read_expression(each)]
     if ir.calls_routine(found):
-        raise Misread("the move computes something", "write speed, zone and tool by their names")
+        raise Misread("an argument of the move is computed", "write speed, zone and tool by their names")
     process = [ir.Call(given[-1].strip('"'), attached=True)] if behind == 1 else []
     frames = (_frame_product(frame, "WOBJDATA"),) * count, (_frame_product(given[last], "TOOLDATA"),) * count
     return [*found, *process, ir.Move(_MOTIONS[letter], known, *frames)]
@@ -233,7 +236,7 @@ def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
     """
     text, place = sources[0].text, 0
     for again in list(re.finditer(r"(?im)^[ \t]*+MODULE\b", text))[1:]:
-        machine.refuse(sources[0].line(again.start()), "a second module", "send one module")
+        machine.refuse(sources[0].line(again.start()), "the file contains a second module", "send one module")
     starts, ends = [], []
     for end in (*(match.end() for match in _ENDS.finditer(text) if match[1]), len(text)):
         start = end - len(text[place:end].lstrip())

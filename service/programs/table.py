@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from jointstiff.service.programs import language as ir
-from jointstiff.service.programs.errors import shown
+from jointstiff.service.programs.errors import quote_text
 from jointstiff.service.programs.interpreter import Machine
 from jointstiff.service.programs.language import Op
 from jointstiff.service.programs.notation import DEGREE, MM, Notation, Orientation
@@ -34,7 +34,7 @@ _HEADER: Final = re.compile(
 )
 _LENGTHS: Final = {"mm": MM, "m": 1.0}
 _ANGLES: Final = {"deg": DEGREE, "degree": DEGREE, "\xb0": DEGREE, "rad": 1.0}
-_HELD: Final = re.compile(r"\W*+(?:u?tool|tcp|u?frame|base|wobj|uf|ut)\b", re.IGNORECASE)
+_FRAME_COLUMN: Final = re.compile(r"\W*+(?:u?tool|tcp|u?frame|base|wobj|uf|ut)\b", re.IGNORECASE)
 """Names of columns with the tool or the base of a target."""
 _EXTERNAL: Final = re.compile(r"\W*+(?:e|ext)_?\d\b", re.IGNORECASE)
 """Names of columns of external axes."""
@@ -48,8 +48,8 @@ _REMEDY: Final = (
 
 def read_table(machine: Machine, sources: tuple[Source, ...]) -> None:
     """Add each row of a table of targets to a machine as a move; an empty table adds nothing."""
-    source, shapes = sources[0], machine.numerals[0].shapes(sources[0].starts, sources[0].ends)[0]
-    rows = ((i, shape) for i, shape in enumerate(shapes) if _is_row(shape))
+    source, masked_texts = sources[0], machine.numerals[0].masked_texts(sources[0].starts, sources[0].ends)[0]
+    rows = ((i, masked) for i, masked in enumerate(masked_texts) if _is_row(masked))
     (head, _), (_, first) = next(rows, (0, "")), next(rows, (0, ""))
     if first:
         header = source.text[source.starts[head] : source.ends[head]]
@@ -57,9 +57,9 @@ def read_table(machine: Machine, sources: tuple[Source, ...]) -> None:
         machine.add(0, source.starts[head + 1 :], source.ends[head + 1 :], translate=translate)
 
 
-def _is_row(shape: str) -> bool:
-    """Return whether a line is neither empty nor a comment."""
-    return bool(shape.strip()) and not shape.lstrip().startswith("#")
+def _is_row(line: str) -> bool:
+    """Return whether a line is a row of the table, neither empty nor a comment."""
+    return bool(line.strip()) and not line.lstrip().startswith("#")
 
 
 class _TableColumns(NamedTuple):
@@ -69,45 +69,48 @@ class _TableColumns(NamedTuple):
     width: int  # how many there are
     notation: Notation  # meaning of the targets
     places: list[int]  # indices of the columns of their numbers, in order
-    held: dict[int, str]  # texts of the columns of tool and base in the first row, by their indices
+    frame_columns: dict[int, str]  # texts of the columns of tool and base in the first row, by their indices
     external: list[int]  # indices of the columns of external axes
 
 
-def _translate_row(columns: _TableColumns, shape: str) -> list[tuple[int, Op]]:
-    """Return the move of a row, which is left as it is if a cell is not a number or the tool changes.
+def _translate_row(columns: _TableColumns, masked: str) -> list[tuple[int, Op]]:
+    """Return the operations of a row: one move, with the number of lines below the row's first line, 0.
 
-    `shape` is the text of the row with NUL in place of each number. A line without cells gives no move.
+    An empty line gives no move.
+
+    If a cell is not a number or the tool changes, the move has a reason and is not corrected. `masked` is
+    the text of the row with NUL in place of each number.
     """
-    if not _is_row(shape):
+    if not _is_row(masked):
         return []
-    cells, reason, remedy = shape.split(columns.delimiter), "", ""
+    cells, reason, remedy = masked.split(columns.delimiter), "", ""
     ends = [0, *accumulate(cell.count("\0") for cell in cells)]
     wrong = next((k for k in columns.places if k < len(cells) and not _NUMBER.fullmatch(cells[k])), None)
     if len(cells) != columns.width:
-        reason = f"{len(cells)} columns instead of {columns.width}"
+        reason = f"the row has {len(cells)} columns instead of {columns.width}"
         remedy = "give every row as many columns as the header"
     elif wrong is not None:
         cell = ir.quote_statement(cells[wrong], range(ends[wrong], ends[-1]))
         reason = f"{cell} in column {wrong + 1} is not a number"
         remedy = "write numbers with decimal points" if "," in cell else "write a number"
-    elif any(cells[k].strip() != text for k, text in columns.held.items()):
-        reason, remedy = "tool or base changes", "send a table for each of them"
+    elif any(cells[k].strip() != text for k, text in columns.frame_columns.items()):
+        reason, remedy = "the tool or the base changes within the table", "send a table for each of them"
     numbers = () if reason else tuple(ends[k] for k in columns.places)
-    external, steady = (
+    external, common = (
         () if reason else tuple(i for k in given for i in range(ends[k], ends[k + 1]))
-        for given in (columns.external, columns.held)
+        for given in (columns.external, columns.frame_columns)
     )
-    target = Literal(columns.notation, numbers, external, steady=steady)
+    target = Literal(columns.notation, numbers, external, common=common)
     motion, base = (Motion.JOINT, "base") if columns.notation.is_joints else (Motion.LINEAR, "part")
     frames = (ir.Named(base),), (ir.Named("tool"),), ()
     return [(0, ir.Move(motion, (target,), *frames, reason, remedy))]
 
 
 def _understand_header(machine: Machine, line: int, header: str, first: str) -> _TableColumns:
-    """Return the columns of a table by its header and the shape of its first row.
+    """Return the columns of a table; `first` is the first row with NUL in place of each number.
 
     Raises:
-        ProgramError: the header does not name coordinates with their units; `line` is for the message.
+        ProgramError: the header does not name coordinates with their units, on its line `line`.
     """
     delimiter = max(";\t,", key=header.count)
     texts = header.split(delimiter)
@@ -121,17 +124,17 @@ def _understand_header(machine: Machine, line: int, header: str, first: str) -> 
     if len({_KINDS[each][0] is Orientation.JOINTS for each in kinds}) > 1:
         machine.refuse(line, "the table has both poses and joint angles", "omit one of them")
     if not kinds:
-        reason = f"the header {shown(header)} does not name the coordinates of the targets"
+        reason = f"the header {quote_text(header)} does not name the coordinates of the targets"
         machine.refuse(line, reason, _REMEDY)
     notation = _choose_notation(*_KINDS[kinds[0]], [units[name] for name in kinds[0].split()])
     if notation is None:
-        reason = "the columns of the targets have no units, different ones, or those of another quantity"
+        reason = "the columns of the targets have no units, different units, or units of another quantity"
         machine.refuse(line, reason, _REMEDY)
     stated = dict(enumerate(cell.strip() for cell in first.split(delimiter)))
-    held = {k: stated.get(k, "") for k, text in enumerate(texts) if _HELD.match(text)}
+    frame_columns = {k: stated.get(k, "") for k, text in enumerate(texts) if _FRAME_COLUMN.match(text)}
     external = [k for k, text in enumerate(texts) if _EXTERNAL.match(text)]
     places = [names[name] for name in kinds[0].split()]
-    return _TableColumns(delimiter, len(cells), notation, places, held, external)
+    return _TableColumns(delimiter, len(cells), notation, places, frame_columns, external)
 
 
 def _choose_notation(orientation: Orientation, quantities: str, units: list[str]) -> Notation | None:

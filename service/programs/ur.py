@@ -48,7 +48,7 @@ _LITERALS: Final = ((POSE, re.compile(rf"p{_SIX}")), (JOINTS, re.compile(_SIX)))
 
 
 def _translate_routine(line: Line) -> list[Op]:
-    """Return the operations of the head of a routine, whose parameters may have default values."""
+    """Return the operations that begin a routine and declare its parameters, with their default values."""
     defaults = [f"({each})" for each in re.findall(r"=([^,]+(?:\([^()]*\))?)", line["own"])]
     given = [op for each in defaults for op in line.read_expression(each)]
     own = re.findall(rf"(?:^|,)({_WORD})", line["own"])
@@ -64,7 +64,7 @@ def _refuse_unknown_tool(_line: Line) -> list[Op]:
 
 
 def _translate_call(line: Line) -> list[Op]:
-    """Return the operations of a call; one that moves the robot without a target is a move that is left."""
+    """Return the operations of a call; a call that moves the robot without a target is a left move."""
     name = line["name"]
     found = line.read_expression(line.text)
     if not _MOVING.fullmatch(name):
@@ -75,32 +75,36 @@ def _translate_call(line: Line) -> list[Op]:
 
 
 def _read_literal(line: Line, start: int, end: int) -> Literal | None:
-    """Return the pose `p[...]` or joint angles `[...]` between two places; None if there is neither."""
+    """Return the pose `p[...]` or joint angles `[...]` between two indices; None if neither is there."""
     for notation, pattern in _LITERALS:
         if pattern.fullmatch(line.text, start, end):
             return Literal(notation, line.ordinals_in(start, end))
     return None
 
 
-def _names_used(line: Line, text: str) -> list[Op]:
-    """Return what an expression uses and calls; the `p` of poses such as `p[x, ...]` is not a name."""
+def _read_value(line: Line, text: str) -> list[Op]:
+    """Return the operations of an expression; the `p` of poses such as `p[x, ...]` is not a name."""
     return line.read_expression(re.sub(r"\bp(?=\[)", "", text))
 
 
 def _translate_assignment(line: Line) -> list[Op]:
-    """Return the operations of an assignment: a target in numbers, else a value that is not known."""
+    """Return the operations of an assignment: a name gets a target in numbers or an unknown value."""
     name, index = line["name"], line["index"]
     own: list[Op] = [ir.Local(frozenset({name}))] if line["local"] else []
     literal = None if index else _read_literal(line, *line.span("value"))
     if literal is not None:
         return [*own, ir.Assign(name, literal)]
     found = line.read_expression(index.strip("[]").replace("][", ",")) if "[" in index else []
-    unknown = ir.Havoc(frozenset({name}), f"{name} gets a value that is not a number", _REMEDY)
-    return [*own, *found, *_names_used(line, line["value"]), unknown]
+    unknown = ir.MakeUnknown(frozenset({name}), f"{name} gets a value that is not a number", _REMEDY)
+    return [*own, *found, *_read_value(line, line["value"]), unknown]
 
 
 def _translate_move(line: Line) -> list[Op]:
-    """Return the operations of a move; it is left if a target is not understood."""
+    """Return the operations of a move; a move whose target is not understood is not corrected.
+
+    Raises:
+        Misread: a target is missing, or the move calls a routine.
+    """
     motion = _MOTIONS[line["motion"]]
     slots = ("pose_via", "pose_to") if motion is Motion.CIRCULAR else ("pose|q",)
     begin, end = line.span("arguments")
@@ -113,7 +117,7 @@ def _translate_move(line: Line) -> list[Op]:
         try:
             target, base = _read_target(line, named.end() if named else start, stop, found)
         except Misread as fault:
-            return ir.leave_move(_names_used(line, line["arguments"]), fault.reason, _REMEDY, motion)
+            return ir.leave_move(_read_value(line, line["arguments"]), fault.reason, _REMEDY, motion)
         targets.append(target)
         bases.append(base)
     if len(targets) < len(slots):
@@ -128,7 +132,8 @@ def _translate_move(line: Line) -> list[Op]:
 def _read_target(line: Line, start: int, end: int, found: list[Op]) -> tuple[Literal | ir.Name, ir.Value]:
     """Return a target, in numbers or as a variable, and the frame of the target.
 
-    The target may be an argument of `get_inverse_kin` or `pose_trans`. What it uses is added to `found`.
+    The target may be an argument of `get_inverse_kin` or `pose_trans`. Operations of the expressions in the
+    target are appended to `found`.
 
     Raises:
         Misread: the target is not given by numbers or a variable.
@@ -139,7 +144,7 @@ def _read_target(line: Line, start: int, end: int, found: list[Op]) -> tuple[Lit
         first, *more = list(split_outside_brackets(line.text[: end - 1], start + head.end()))
         if head[1] == "get_inverse_kin":
             if len(more) > 3 or "tcp=" in text:
-                raise Misread("get_inverse_kin has a tool of its own")
+                raise Misread("get_inverse_kin is called with its own tool")
             for each in more:  # angles near the answer, and tolerances
                 found += line.read_expression(line.text[slice(*each)].removeprefix("qnear="))
             return _read_target(line, *first, found)

@@ -1,7 +1,7 @@
 """The report of a run as a digital calibration certificate: XML after the DCC schema 3.3.0 of PTB.
 
-Quantities are those of the D-SI schema, in SI units. The schemas (LGPL) are not part of this package; a test
-validates by them where the variable `DCC_XSD` names the file.
+Quantities are written as the D-SI schema defines them, in SI units. The schemas (LGPL) are not part of this
+package; a test validates a certificate against the file that the variable `DCC_XSD` names.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ VERSION: Final = "3.3.0"
 NAMESPACES: Final = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
 _SCHEMA: Final = "{http://www.w3.org/2001/XMLSchema-instance}schemaLocation"
 _LANGUAGE: Final = "en"
-"""Language of all texts that this program writes."""
+"""Language of all texts that this program writes itself."""
 _BEHIND_UTC: Final = timedelta(hours=12)
 """Time by which the westernmost time zone is behind UTC."""
 _UNITS: Final = {
@@ -35,13 +35,13 @@ _UNITS: Final = {
 }
 
 
-def certificate(subject: report.RunSubject) -> bytes:
+def build_certificate(subject: report.RunSubject) -> bytes:
     """Return the digital calibration certificate of a run as XML.
 
     Raises:
         RequestError: a field that every certificate requires is missing.
     """
-    laboratory, begin, end = _require_stated(subject)
+    laboratory, begin, end = _require_certificate_facts(subject)
     for prefix, address in NAMESPACES.items():
         ElementTree.register_namespace(prefix, address)
     root = Element(_qualified_name("dcc:digitalCalibrationCertificate"), schemaVersion=VERSION)
@@ -79,13 +79,13 @@ def certificate(subject: report.RunSubject) -> bytes:
     return content
 
 
-def _require_stated(subject: report.RunSubject) -> tuple[Laboratory, date, date]:
+def _require_certificate_facts(subject: report.RunSubject) -> tuple[Laboratory, date, date]:
     """Return the laboratory, and the first and the last day of the measurement (UTC).
 
-    If `ended_on`, a local day, is the day before the first day in UTC, it is taken for the first day, too.
+    `ended_on` is a day of the local calendar: a day before the first day in UTC is returned for both.
 
     Raises:
-        RequestError: country, responsible person or time is missing, or the measurement ends too early.
+        RequestError: country, responsible person or time is missing, or the end comes before the beginning.
     """
     laboratory, measured_at = subject.settings.laboratory, subject.readings.measured_at
     if laboratory is None or laboratory.country is None or laboratory.responsible is None:
@@ -120,7 +120,7 @@ def _write_core_data(
 
 
 def _write_item(item: Element, subject: report.RunSubject) -> None:
-    """Write the robot as the calibrated item, identified by serial number or else by the set's name."""
+    """Write the robot as the calibrated item; without a serial number the name of the set identifies it."""
     readings, robot = subject.readings, subject.model.robot
     _append_text(item, "dcc:name", f"Industrial robot {subject.model.name}, {robot.n} joints")
     _append_text(_append(item, "dcc:manufacturer"), "dcc:name", NOT_STATED)
@@ -163,12 +163,14 @@ def _write_results(measured: Element, subject: report.RunSubject, laboratory: La
     level = model.run.request.confidence
     for joint, u in zip(model.result.joints, report.expanded_uncertainties(model), strict=True):
         _write_joint(_append(results, "dcc:result"), joint, u, level)
-    cases = [case for case in report.predicted_compliance(subject) if case.displacement is not None]
+    cases = [case for case in report.predict_flange_compliance(subject) if case.displacement is not None]
     if cases:
         result = _append(results, "dcc:result")
         _append_text(result, "dcc:name", report.PREDICTED)
-        none = "" if all(case.budget for case in cases) else " No uncertainty is stated of these predictions."
-        _append_text(result, "dcc:description", f"{report.describe_prediction(subject)}{none}")
+        remark = (
+            "" if all(case.budget for case in cases) else " No uncertainty is stated of these predictions."
+        )
+        _append_text(result, "dcc:description", f"{report.describe_prediction(subject)}{remark}")
         data = _append(result, "dcc:data")
         for case in cases:
             for axis, moved in zip("XYZ", case.displacement or (), strict=True):
@@ -187,7 +189,7 @@ def _write_joint(
 ) -> None:
     """Write the stiffness of a joint with its interval and uncertainty, or why it has no stiffness.
 
-    `u` is expanded uncertainty, coverage factor and probability by the budget; None without a budget.
+    `u` is (expanded uncertainty, coverage factor, probability) from the budget; None without a budget.
     """
     _append_text(result, "dcc:name", f"Stiffness of {joint.name}")
     if u is None and joint.stiffness is not None:
@@ -207,9 +209,9 @@ def _write_joint(
 
 
 def _uncertainty_from_interval(joint: JointResult, level: float) -> tuple[float, float, float] | None:
-    """Return expanded uncertainty, coverage factor and probability from the interval of a stiffness.
+    """Return (expanded uncertainty, coverage factor, probability) from the interval of a stiffness.
 
-    The uncertainty is the distance to the farther end. None if the interval has no upper end.
+    The uncertainty is the distance to the farther end of the interval; None if there is no upper end.
     """
     ends = joint.stiffness_interval
     if joint.stiffness is None or ends is None or ends[1] is None:
@@ -221,7 +223,10 @@ def _uncertainty_from_interval(joint: JointResult, level: float) -> tuple[float,
 def _write_quantity(
     data: Element, name: str, value: float, unit: str, u: tuple[float, float, float] | None = None
 ) -> None:
-    """Write a named number in SI units; `u` is its expanded uncertainty, coverage factor and probability."""
+    """Write a named number in a unit of `_UNITS`.
+
+    `u` is (expanded uncertainty, coverage factor, probability) of the number; None for no uncertainty.
+    """
     quantity = _append(data, "dcc:quantity")
     _append_text(quantity, "dcc:name", name)
     real = _append(quantity, "si:real")
@@ -236,20 +241,20 @@ def _write_quantity(
 
 
 def _qualified_name(tag: str) -> str:
-    """Return a tag such as `dcc:name` with the address of its namespace in place of the prefix."""
+    """Return a tag such as `dcc:name` with the URL of its namespace in place of the prefix: `{URL}name`."""
     prefix, _, name = tag.partition(":")
     return f"{{{NAMESPACES[prefix]}}}{name}"
 
 
 def _append(parent: Element, *tags: str) -> Element:
-    """Append elements, each within the one before; return the innermost element."""
+    """Append nested elements: each tag is a child of the one before; return the innermost element."""
     for tag in tags:
         parent = ElementTree.SubElement(parent, _qualified_name(tag))
     return parent
 
 
 def _append_text(parent: Element, tag: str, text: str, language: str | None = _LANGUAGE) -> None:
-    """Append an element with text, in which blanks replace control characters (XML has none).
+    """Append an element with a text; blanks replace control characters, which XML does not allow.
 
     Args:
         parent: element to append to.

@@ -1,4 +1,4 @@
-"""A report as data: its sections and its attachments. It knows no typesetting."""
+"""A report as data, independent of its format: sections and attachments."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def format_time(time: datetime | None) -> str:
 
 
 def format_percent(share: float | None) -> str:
-    """Return a share (1.0 is all) in percent with its sign; the sign for a missing number for None."""
+    """Return a share (1.0 is 100 %) as text in percent; `NO_NUMBER` for None."""
     return NO_NUMBER if share is None else f"{figure(100 * share, '.3g')} %"
 
 
@@ -50,7 +50,7 @@ class Picture:
     """A picture that this program has drawn."""
 
     svg: str  # SVG without links and scripts
-    caption: str  # below it
+    caption: str  # text below the picture
     width: float = 1.0  # share of the text's width
 
 
@@ -68,7 +68,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Logo:
-    """A picture whose size is known."""
+    """Logo of a laboratory."""
 
     content: bytes
     kind: Literal["png", "jpg"]
@@ -76,7 +76,7 @@ class Logo:
 
 @dataclass(frozen=True)
 class Letterhead:
-    """The laboratory above the title."""
+    """Head of a report, above the title: the laboratory."""
 
     name: str  # name of the laboratory
     lines: list[str]  # its address, contact and accreditation

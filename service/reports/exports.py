@@ -11,14 +11,14 @@ from xml.etree import ElementTree
 import numpy as np
 
 from jointstiff.schemas.run import JointResult, Run, RunResult
-from jointstiff.service.runs.verdicts import refuse_unaccepted, result_of
+from jointstiff.service.runs.verdicts import refuse_unaccepted, require_result
 from jointstiff.service.tables.files import csv_text, xlsx_bytes
 from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, with_overall_verdict
 from jointstiff.service.tables.stiffness import UNITS, lower_limit
 from jointstiff.service.tables.table import Sheet, Value
 from jointstiff.solver.mechanics.chain import ChainJoint, KinematicChain
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.text import rounded_down, stiffness_text
+from jointstiff.solver.text import round_down, stiffness_text
 
 _UNIT = UNITS["MNm/rad"]
 PLACEHOLDERS = (
@@ -29,23 +29,23 @@ PLACEHOLDERS = (
 
 @dataclass(frozen=True, eq=False)
 class ExportedModel:
-    """A run with the robot that was measured, ready to be written."""
+    """A run with its result and its robot, ready to be written as a file for other programs."""
 
-    run: Run  # the run
-    result: RunResult  # its result
-    robot: Robot  # the robot
+    run: Run  # identification run
+    result: RunResult  # result of the run
+    robot: Robot  # robot that was measured
     name: str  # name of the robot
-    # id of the geometry identification that gave the robot; None if the robot is as it was described
+    # id of the geometry identification whose result is the robot's model; None if the model was posted
     geometry_id: str | None = None
 
     @classmethod
-    def of(cls, run: Run, robot: Robot, name: str, geometry_id: str | None = None) -> ExportedModel:
+    def from_run(cls, run: Run, robot: Robot, name: str, geometry_id: str | None = None) -> ExportedModel:
         """Return the model to export from a run, its robot and the robot's name.
 
         Raises:
             RequestError: the run has no result.
         """
-        return cls(run, result_of(run), robot, name, geometry_id)
+        return cls(run, require_result(run), robot, name, geometry_id)
 
     @property
     def chain(self) -> KinematicChain:
@@ -53,7 +53,7 @@ class ExportedModel:
         return self.robot.chain
 
     def springs(self) -> Iterator[tuple[ChainJoint, JointResult, float | None]]:
-        """Yield each moving joint with its result and its stiffness in SI units (None if not positive)."""
+        """Yield (moving joint, its result, its stiffness in SI units; None if not positive)."""
         for joint, result in zip(self.chain.moving, self.result.joints, strict=True):
             yield joint, result, stiffness_of(result)
 
@@ -78,12 +78,12 @@ class ExportedModel:
         return [*lines, *self._list_limits()]
 
     def _stiffness_units(self) -> str:
-        """Return the units of stiffness in words, with that of prismatic joints if the robot has some."""
+        """Return the unit of stiffness as text; for a robot with prismatic joints also their unit."""
         prismatic = "" if not self.robot.prismatic.any() else ", of prismatic joints in N/m"
         return f"N·m/rad{prismatic}"
 
     def _list_limits(self) -> Iterator[str]:
-        """Yield what a user of the file must know: other angles of the controller, and links that bend."""
+        """Yield the limits of the file as sentences: controller angles that differ, and links that bend."""
         joint_map = self.robot.joint_map
         n = len(joint_map.offset)
         if not (np.array_equal(joint_map.matrix, np.eye(n)) and not joint_map.offset.any()):
@@ -109,7 +109,7 @@ class ExportedModel:
 
 
 def stiffness_of(joint: JointResult) -> float | None:
-    """Return the stiffness of a joint if a spring can have it, that is if it is positive; else None."""
+    """Return the stiffness of a joint if it is positive, as a spring needs; otherwise None."""
     return joint.stiffness if joint.stiffness is not None and joint.stiffness > 0.0 else None
 
 
@@ -121,7 +121,7 @@ def explain_missing_stiffness(joint: JointResult) -> str:
         return "the estimate is negative: identify again with non-negative compliances"
     least, bound = lower_limit(joint), ""
     if least is not None:
-        bound = f"; it is at least {stiffness_text(rounded_down(least), joint.kind)}"
+        bound = f"; it is at least {stiffness_text(round_down(least), joint.kind)}"
     return f"the readings cannot distinguish the joint from rigid{bound}"
 
 
@@ -133,7 +133,7 @@ _JOINT: Final = {
     "compliance standard uncertainty": "standard_uncertainty",
     "compliance {low high}": "compliance_interval",
 }
-"""Columns of the joints' numbers; their units are those of the fields."""
+"""Header of a column → field of `JointResult`; the unit of the field is added to the header."""
 _FRAME: Final = ("x [m]", "y [m]", "z [m]", "roll [rad]", "pitch [rad]", "yaw [rad]")
 _AXIS: Final = ("axis x [1]", "axis y [1]", "axis z [1]")
 _FINDING: Final = ("code", "weight", "where", "message", "remedy")
@@ -145,13 +145,13 @@ def tabulate_joints(model: ExportedModel) -> Sheet:
     reasons = [joint.reason if stiffness_of(joint) else explain_missing_stiffness(joint) for joint in joints]
     limited = [each.model_copy(update={"stiffness_at_least": lower_limit(each)}) for each in joints]
     columns: dict[str, Any] = {
-        **Sheet.of_fields(joints, {"joint": "name", "status": "status", "verdict": "verdict"}).columns,
+        **Sheet.from_messages(joints, {"joint": "name", "status": "status", "verdict": "verdict"}).columns,
         "reason": reasons,
-        **Sheet.of_fields(limited, _JOINT).columns,
+        **Sheet.from_messages(limited, _JOINT).columns,
         "confidence of the intervals [1]": [run.request.confidence] * len(joints),
     }
     if budget is not None:
-        of_budget = {
+        budget_columns = {
             f"contribution of {each.source.replace('_', ' ')}, type {each.evaluation}"
             f"{'' if each.included else ', not included'} [rad/(N.m)]": each.contributions
             for each in budget.components
@@ -159,20 +159,20 @@ def tabulate_joints(model: ExportedModel) -> Sheet:
             "compliance expanded uncertainty [rad/(N.m)]": budget.expanded_uncertainty,
             "compliance expanded uncertainty with model error [rad/(N.m)]": budget.expanded_with_model_error,
         }
-        for header, values in of_budget.items():
-            known = dict(zip(budget.joints, values, strict=True))
-            columns[header] = [known.get(joint.name) for joint in joints]
+        for header, values in budget_columns.items():
+            value_by_joint = dict(zip(budget.joints, values, strict=True))
+            columns[header] = [value_by_joint.get(joint.name) for joint in joints]
         columns["coverage factor [1]"] = [budget.coverage_factor] * len(joints)
     columns["run"] = [run.id] * len(joints)
     columns["input SHA-256"] = [run.provenance.input_hash] * len(joints)
-    sheet = Sheet.of_joints(Sheet(columns), [joint.kind for joint in joints])
+    sheet = Sheet.with_joint_kinds(Sheet(columns), [joint.kind for joint in joints])
     return with_overall_verdict(sheet, model.result.assessment)
 
 
 def tabulate_kinematics(model: ExportedModel) -> Sheet:
     """Return a sheet with one row per joint of the chain: type, frame, axis and limits.
 
-    The frame is that at joint position zero, relative to the frame of the link that carries the joint.
+    The frame of a joint is stated at joint position zero, relative to the frame of the link that carries it.
     """
     rows: list[dict[str, Value]] = []
     joints = model.chain.joints
@@ -189,11 +189,13 @@ def tabulate_kinematics(model: ExportedModel) -> Sheet:
                 "upper limit [rad]": upper,
             }
         )
-    return Sheet.of_joints(Sheet.of_rows(rows), [j.kind if j.kind != "fixed" else None for j in joints])
+    return Sheet.with_joint_kinds(
+        Sheet.from_rows(rows), [j.kind if j.kind != "fixed" else None for j in joints]
+    )
 
 
 def write_joints_csv(model: ExportedModel) -> bytes:
-    """Return the table of the joints as CSV (RFC 4180); numbers read back the same."""
+    """Return the table of the joints as CSV (RFC 4180); reading the numbers gives the same floats."""
     return csv_text(tabulate_joints(model)).encode()
 
 
@@ -211,7 +213,7 @@ def write_workbook(model: ExportedModel) -> bytes:
         "joints": tabulate_joints(model),
         "kinematics": tabulate_kinematics(model),
         "provenance": Sheet({"remark": list(remarks), "value": list(remarks.values())}),
-        "warnings": Sheet.of_fields(findings, dict(zip(_FINDING, _FINDING, strict=True))),
+        "warnings": Sheet.from_messages(findings, dict(zip(_FINDING, _FINDING, strict=True))),
     }
     return xlsx_bytes({name: sheet for name, sheet in sheets.items() if sheet.columns})
 
@@ -234,7 +236,7 @@ def add_remarks(parent: Element, model: ExportedModel, *more: str) -> None:
 
 
 def add_comment(parent: Element, text: str) -> None:
-    """Append an XML comment; two dashes in a row, which XML forbids there, are separated."""
+    """Append an XML comment; two dashes in a row, which XML forbids in comments, are separated."""
     while "--" in text:
         text = text.replace("--", "- -")
     parent.append(ElementTree.Comment(f" {text} "))
@@ -256,7 +258,7 @@ _ACTUATORS: Final = (
     "Each position actuator is the spring in series with a drive that holds its joint: kp is the stiffness, "
     "ctrl the commanded position, and the joint's position differs from it by the torque or force over kp."
 )
-_HELD: Final = (
+_RIGID_JOINTS: Final = (
     "A joint without a stiffness has no actuator: an equality constraint, which is no spring of the robot, "
     "holds it at the position that is the first number of polycoef."
 )
@@ -265,8 +267,9 @@ _HELD: Final = (
 def write_mjcf(model: ExportedModel) -> bytes:
     """Return a MuJoCo model (MJCF) of hinges, slides and position actuators; the world frame is R0."""
     root = ElementTree.Element("mujoco", model=model.name)
-    add_remarks(root, model, _ACTUATORS, _HELD, PLACEHOLDERS)
-    # Roll, pitch and yaw turn about fixed axes: capital letters. Bodies that move must have some mass.
+    add_remarks(root, model, _ACTUATORS, _RIGID_JOINTS, PLACEHOLDERS)
+    # `eulerseq` in capital letters: roll, pitch and yaw turn about fixed axes. MuJoCo requires that moving
+    # bodies have mass and inertia: placeholders of 1.
     add_element(
         root, "compiler", angle="radian", eulerseq="XYZ", autolimits="true", boundmass="1", boundinertia="1"
     )

@@ -1,4 +1,4 @@
-"""Jobs of any kind for people: the verdict first, then the tables, warnings and things to do."""
+"""Jobs of any kind in a form for people: verdict first, then tables, warnings and advice."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from jointstiff.service.reports.document import (
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.tables.report import (
     View,
+    list_request_fields,
     problem_line,
     remedies,
-    requested,
     to_do_lines,
     verdict_lines,
     warning_lines,
@@ -37,7 +37,7 @@ from jointstiff.service.tables.report import (
 )
 from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS
 from jointstiff.service.tables.table import Chart, Line, Part, Sheet, Table, text_table
-from jointstiff.service.tables.terminal import printed
+from jointstiff.service.tables.terminal import lay_out_parts
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work
@@ -46,7 +46,7 @@ _DEFAULT: Final = View()
 _DESPITE: Final = Line("  computed despite this verdict, because the request accepts it", "bad")
 
 
-def job_report(
+def lay_out_job(
     kind: AnyKind, job: Job, *, details: bool = False, unit: str = DEFAULT_UNIT, applies: bool = False
 ) -> RenderableType:
     """Lay out a job for the terminal.
@@ -56,17 +56,20 @@ def job_report(
         job: job with a result or an error.
         details: whether to show all details of the result.
         unit: name of a unit of `UNITS`.
-        applies: whether the command that made the job takes `--apply`.
+        applies: True if the command that made the job has the option `--apply`.
     """
     parts = job_parts(kind, job, View(details, UNITS[unit], applies))
     if details:
-        facts = [(label, text.replace("\n", "; ")) for label, text in requested(job.request, kinds_in(job))]
+        facts = [
+            (label, text.replace("\n", "; "))
+            for label, text in list_request_fields(job.request, joint_kinds_in(job))
+        ]
         parts.append(text_table(["request", ""], facts, texts=[0, 1]))
-    return printed(parts)
+    return lay_out_parts(parts)
 
 
-def kinds_in(job: Job) -> dict[str, JointKind]:
-    """Return the kinds of the joints by name if one is prismatic; empty otherwise, or without a result."""
+def joint_kinds_in(job: Job) -> dict[str, JointKind]:
+    """Return joint name → kind if a joint is prismatic; empty if all are revolute, or without a result."""
     kinds: dict[str, JointKind] = getattr(job.result, "joint_kinds", {})
     return kinds
 
@@ -92,24 +95,24 @@ def job_parts(kind: AnyKind, job: Job, view: View = _DEFAULT) -> list[Part]:
     ]
 
 
-def job_sheet(file: File, job: Job, work: Callable[[], Work]) -> Sheet:
-    """Return the sheet of one of the files of a succeeded job, with the verdict as a column.
+def build_job_sheet(file: File, job: Job, work: Callable[[], Work]) -> Sheet:
+    """Return the table that a file of a succeeded job contains, with the overall verdict as a column.
 
     Args:
-        file: file of the job's kind.
+        file: description of the file, one of those of the job's kind.
         job: job with a result.
-        work: function that returns the job's work, for a file that is made of the work.
+        work: function that returns the job's work; called only if the file is made from the work.
     """
     sheet = file.sheet(job if file.made_of == "result" else work())
     return with_overall_verdict(sheet, getattr(job.result, "assessment", None))
 
 
-def job_document(
+def build_job_report(
     kind: AnyKind, job: Job, document: str, settings: LaboratorySettings, about: Sequence[Fact] = ()
 ) -> Document:
-    """Return the report of a succeeded job.
+    """Build the report of a succeeded job.
 
-    `document` is the job as JSON, to be attached; `about` are further facts of the identification.
+    `document` is the JSON of the job, to be attached; `about` are further facts for the first section.
     """
     from jointstiff.service.reports.pictures import draw_bars
 
@@ -130,7 +133,7 @@ def job_document(
                     *about,
                 ],
             ),
-            Section(REQUESTED, facts=requested(job.request, kinds_in(job))),
+            Section(REQUESTED, facts=list_request_fields(job.request, joint_kinds_in(job))),
             Section(
                 RESULTS,
                 tables=[part for part in parts if isinstance(part, Table)],

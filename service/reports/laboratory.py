@@ -1,4 +1,4 @@
-"""Settings of the laboratory: a TOML file, and a logo next to it."""
+"""Settings of the laboratory that issues reports: a TOML file, and a logo in the same folder."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from jointstiff.service.reports.document import NOT_STATED, Letterhead, Logo
 MAX_SETTINGS_BYTES: Final = 64 * 1024
 MAX_LOGO_BYTES: Final = 256 * 1024
 MAX_LOGO_SIDE: Final = 2_000
-"""Pixels: a small file may hold a picture that fills the memory."""
+"""Greatest width and height of a logo [pixels]: decompressed, a small file can fill the memory."""
 _PNG: Final = b"\x89PNG\r\n\x1a\n"
 _JPEG: Final = b"\xff\xd8\xff"
 _FRAMES: Final = frozenset((0xC0, 0xC1, 0xC2))
@@ -32,9 +32,9 @@ class SettingsError(ServiceError):
 
 @dataclass(frozen=True)
 class LaboratorySettings:
-    """A laboratory with its logo; without settings nothing is stated."""
+    """The laboratory that issues reports, and its logo; both are None without settings."""
 
-    laboratory: Laboratory | None = None  # content of the file
+    laboratory: Laboratory | None = None  # content of the TOML file
     logo: Logo | None = None  # picture above the reports
 
     def letterhead(self) -> Letterhead:
@@ -89,7 +89,7 @@ def _read_logo(folder: Path, name: str) -> Logo:
     """Read a logo, a PNG or JPEG file in the folder of the settings.
 
     Raises:
-        SettingsError: the name leads elsewhere, or the file is not such a picture or too large.
+        SettingsError: the name is not a plain file name, or the file is no PNG or JPEG, or too large.
     """
     if name != PurePosixPath(name).name or name != PureWindowsPath(name).name or name in {".", ".."}:
         raise SettingsError(
@@ -97,24 +97,27 @@ def _read_logo(folder: Path, name: str) -> Logo:
         )
     if (folder / name).is_symlink():
         raise SettingsError(
-            f"logo: {name!r} is a link", "put the logo itself into the folder of the settings"
+            f"logo: {name!r} is a link", "copy the picture file itself into the folder of the settings file"
         )
     content = _read_limited(folder / name, MAX_LOGO_BYTES)
     kind: Literal["png", "jpg"] = "png" if content.startswith(_PNG) else "jpg"
     size = _image_size(content)
     if size is None:
-        raise SettingsError(f"logo: {name!r} is neither PNG nor JPEG", "convert it to PNG; SVG is refused")
+        raise SettingsError(
+            f"logo: the file {name!r} is neither a PNG nor a JPEG picture",
+            "convert it to PNG; SVG is refused",
+        )
     if not 1 <= min(size) <= max(size) <= MAX_LOGO_SIDE:
         raise SettingsError(
             f"logo: {name!r} has {size[0]} × {size[1]} pixels",
-            f"use at most {MAX_LOGO_SIDE} pixels on a side",
+            f"reduce width and height to at most {MAX_LOGO_SIDE} pixels",
         )
     _refuse_undisplayable_logo(Logo(content, kind), name)
     return Logo(content, kind)
 
 
 def _refuse_undisplayable_logo(logo: Logo, name: str) -> None:
-    """Compile a page with the logo; raise `SettingsError` if Typst cannot show it. Nothing without Typst."""
+    """Raise `SettingsError` if Typst cannot show a logo; do nothing if Typst is not installed."""
     try:
         import typst
     except ImportError:
@@ -136,10 +139,10 @@ def _image_size(content: bytes) -> tuple[int, int] | None:
         width, height = struct.unpack(">II", content[16:24])
         return width, height
     # A JPEG is a list of segments: 0xFF, a marker, and the length of the rest in two bytes.
-    place = 2 if content.startswith(_JPEG) else len(content)
-    while place + 9 <= len(content) and content[place] == 0xFF:
-        if content[place + 1] in _FRAMES:
-            height, width = struct.unpack(">HH", content[place + 5 : place + 9])
+    position = 2 if content.startswith(_JPEG) else len(content)
+    while position + 9 <= len(content) and content[position] == 0xFF:
+        if content[position + 1] in _FRAMES:
+            height, width = struct.unpack(">HH", content[position + 5 : position + 9])
             return width, height
-        place += 2 + max(int.from_bytes(content[place + 2 : place + 4], "big"), 2)
+        position += 2 + max(int.from_bytes(content[position + 2 : position + 4], "big"), 2)
     return None

@@ -74,17 +74,20 @@ class Drawing:
 
 
 _WIDTH = 480.0
-_BASE, _LEFT = 128.0, 40.0  # of the axes of bars
+_BASE, _LEFT = 128.0, 40.0  # y of the horizontal axis and x of the vertical axis of bar charts
 _ROW = 17.0
 _NAMES = 90.0
 _MOST_BARS = 60
 _SERIES = (PALE, MARK, "#d08a2e", "#5a8f5a", "#8a5a8f", "#a04545", "#4a4a4a", "#c9b458")
-_APART = 12.0
-"""Distance of joints in the picture below which their numbers would overlap."""
+_LABEL_DISTANCE = 12.0
+"""Least distance of two joints in the picture with separate labels; nearer joints share one [points]."""
 
 
 def draw_intervals(joints: Sequence[JointResult], confidence: float) -> Picture | None:
-    """Draw the stiffness of each joint with its interval on a logarithmic axis; None if no joint has one."""
+    """Draw the stiffness of each joint with its interval on a logarithmic axis.
+
+    None if no joint has a positive stiffness.
+    """
     known = [joint for joint in joints if joint.stiffness is not None and joint.stiffness > 0.0]
     ends = [each.stiffness or 0.0 for each in known]
     for joint in known:
@@ -162,10 +165,10 @@ def draw_bars(chart: Chart) -> Picture:
 
 def draw_deflections(result: RunResult) -> Picture | None:
     """Draw the mean lengths of deflection and residual for each observation; None without deflections."""
-    measured, left = result.mean_lengths("deflection"), result.mean_lengths("residual")
+    measured, remaining = result.mean_lengths("deflection"), result.mean_lengths("residual")
     if not any(measured.values()):
         return None
-    series = {"measured": [*measured.values()], "left by the model": [*left.values()]}
+    series = {"measured": [*measured.values()], "left by the model": [*remaining.values()]}
     return draw_bars(
         Chart(
             "Deflection before and after compensation, mean length over the targets",
@@ -178,9 +181,9 @@ def draw_deflections(result: RunResult) -> Picture | None:
 
 
 def draw_arm(robot: Robot, joints: Sequence[float]) -> Picture | None:
-    """Draw the arm in a posture, given as joint values of the controller [rad or m], seen at a slant.
+    """Draw the arm in a posture, seen obliquely; return None for an arm without extent.
 
-    None for an arm without extent.
+    `joints` are joint values of the controller [rad or m].
     """
     posture = to_postures(robot, [list(joints)])[0]
     points = np.array([[0.0, 0.0, 0.0], *posture.joint_origins, posture.flange_origin])
@@ -188,8 +191,8 @@ def draw_arm(robot: Robot, joints: Sequence[float]) -> Picture | None:
     if not reach > 0.0:
         return None
     axes = np.vstack([np.zeros(3), 0.25 * reach * np.eye(3)])
-    flat, base = _project(points), _project(axes)
-    everything = np.vstack([flat, base])
+    arm, base_axes = _project(points), _project(axes)
+    everything = np.vstack([arm, base_axes])
     low, size = everything.min(axis=0), np.ptp(everything, axis=0)
     scale = min(200.0 / size[0], 170.0 / size[1])
     drawing = Drawing(260, 200, "The arm in the posture of the first observation")
@@ -199,15 +202,17 @@ def draw_arm(robot: Robot, joints: Sequence[float]) -> Picture | None:
         x, y = (point - low) * scale
         return 20 + float(x), 185 - float(y)
 
-    for end, name in zip(base[1:], "xyz", strict=True):
-        drawing.line(*to_drawing(base[0]), *to_drawing(end), MARK, 0.8)
+    for end, name in zip(base_axes[1:], "xyz", strict=True):
+        drawing.line(*to_drawing(base_axes[0]), *to_drawing(end), MARK, 0.8)
         drawing.text(*to_drawing(end), name)
-    drawing.path([to_drawing(point) for point in flat], INK, 2.4)
+    drawing.path([to_drawing(point) for point in arm], INK, 2.4)
     labels: list[tuple[float, float, str]] = []  # joints that nearly coincide share a label
-    for number, point in enumerate(flat[1:-1], 1):
+    for number, point in enumerate(arm[1:-1], 1):
         drawing.dot(*to_drawing(point))
         x, y = to_drawing(point)
-        near = next((i for i, each in enumerate(labels) if hypot(x - each[0], y - each[1]) < _APART), None)
+        near = next(
+            (i for i, each in enumerate(labels) if hypot(x - each[0], y - each[1]) < _LABEL_DISTANCE), None
+        )
         if near is None:
             labels.append((x, y, str(number)))
         else:
@@ -223,12 +228,12 @@ def draw_arm(robot: Robot, joints: Sequence[float]) -> Picture | None:
 
 
 def _project(points: FloatArray) -> FloatArray:
-    """Project points (N, 3) along the direction (1, -1.6, 0.8); return (N, 2): to the right and up."""
+    """Project points (N, 3) on a plane seen from direction (1, -1.6, 0.8); return (N, 2): right and up."""
     towards = np.array([1.0, -1.6, 0.8]) / np.linalg.norm([1.0, -1.6, 0.8])
     right = np.cross([0.0, 0.0, 1.0], towards)
     right /= np.linalg.norm(right)
-    seen: FloatArray = points @ np.stack([right, np.cross(towards, right)], axis=1)
-    return seen
+    projected: FloatArray = points @ np.stack([right, np.cross(towards, right)], axis=1)
+    return projected
 
 
 def _shorten(name: str) -> str:

@@ -7,7 +7,7 @@ from math import nan
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
-from jointstiff.service.problems import missing_extra
+from jointstiff.service.problems import explain_missing_library
 from jointstiff.service.tables.table import Area, Chart
 
 if TYPE_CHECKING:
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_NAMES = 40
-"""Number of places up to which names are written below the axis; beyond it numbers are."""
+"""Greatest number of places with names below the axis; with more places the axis shows numbers."""
 _TITLE_WIDTH = 90
 """Characters in a line of the title."""
 
 
-def figure_of(title: str, charts: Sequence[Chart], areas: Sequence[Area] = ()) -> Figure:
+def draw_figure(title: str, charts: Sequence[Chart], areas: Sequence[Area] = ()) -> Figure:
     """Draw areas and charts, one below the other, and return the figure of matplotlib.
 
     Raises:
@@ -30,7 +30,7 @@ def figure_of(title: str, charts: Sequence[Chart], areas: Sequence[Area] = ()) -
     try:
         import matplotlib.pyplot as plt
     except ImportError as error:
-        raise missing_extra("plot", error) from None
+        raise explain_missing_library("plot", error) from None
 
     count = len(charts) + len(areas)
     if not count:
@@ -73,11 +73,12 @@ def _draw_chart(axis: Axes, chart: Chart) -> None:
 def _error_bar_lengths(
     heights: Sequence[float], intervals: Sequence[Any], factor: float
 ) -> list[list[float]]:
-    """Return the lengths of error bars below and above the heights; zero where an interval has no limit.
+    """Return (lengths of error bars below, above) the heights; zero where an interval has no limit.
 
     `factor` converts the limits of the intervals to the unit of the heights.
     """
-    below, above = [], []  # `height != height` is true for NaN
+    # Bars that are not drawn have the height NaN; only NaN differs from itself.
+    below, above = [], []
     for height, interval in zip(heights, intervals, strict=True):
         low, high = interval or (None, None)
         below.append(0.0 if low is None or height != height else max(height - factor * low, 0.0))

@@ -42,10 +42,10 @@ POLICY: Final = (
     "default-src 'none'; img-src data:; frame-ancestors 'none'; style-src 'sha256-"
     f"{base64.b64encode(hashlib.sha256(_STYLE.encode()).digest()).decode()}'"
 )
-"""Content security policy: this style, pictures within the page, and nothing else."""
+"""Content security policy: allows this style and pictures within the page, and nothing else."""
 
 
-def report_page(document: Document) -> bytes:
+def render_html(document: Document) -> bytes:
     """Return a report as one HTML page without links to other files."""
     title, number = escape(document.title), escape(document.number)
     parts = [
@@ -98,14 +98,15 @@ def _table_html(table: Table) -> str:
     """Return the HTML of a table; columns of texts are aligned to the left."""
     texts = table.text_columns()
 
-    def row(cells: Iterable[str], tag: str) -> str:
+    def row_html(cells: Iterable[str], tag: str) -> str:
+        """Return the HTML of a row whose cells have the tag `td` or `th`."""
         kinds = (' class="text"' if place in texts else "" for place in count())
         row_cells = (f"<{tag}{kind}>{escape(cell)}</{tag}>" for kind, cell in zip(kinds, cells, strict=False))
         return f"<tr>{''.join(row_cells)}</tr>"
 
     caption = f"<caption>{escape(table.legend)}</caption>" if table.legend else ""
-    rows = "".join(row((cell.text for cell in cells), "td") for cells in table.rows())
-    body = f"{caption}<thead>{row(table.head(), 'th')}</thead><tbody>{rows}</tbody>"
+    rows = "".join(row_html((cell.text for cell in cells), "td") for cells in table.rows())
+    body = f"{caption}<thead>{row_html(table.head(), 'th')}</thead><tbody>{rows}</tbody>"
     return f'<div class="wide"><table>{body}</table></div>'
 
 
@@ -122,15 +123,15 @@ class NoTypstError(RequestError):
     def __init__(self) -> None:
         super().__init__(
             "reports as PDF need Typst, which is not installed",
-            remedy="install jointstiff[reports], or ask for the report as HTML",
+            remedy="install jointstiff[reports], or request the report as HTML",
         )
 
 
-def report_pdf(document: Document) -> bytes:
+def render_pdf(document: Document) -> bytes:
     """Return a report as PDF/A-3b with its attachments; the same document gives the same bytes.
 
-    Characters that the fonts of Typst lack are shown by their code, such as ‹U+4E2D›; HTML and attachments
-    have them as they are.
+    Characters that the fonts of Typst lack are shown as codes, such as ‹U+4E2D›; the HTML report and the
+    attachments have the characters themselves.
 
     Raises:
         NoTypstError: Typst is not installed.
@@ -150,14 +151,14 @@ def report_pdf(document: Document) -> bytes:
 
 
 def _compile_pdf(data: dict[str, Any], document: Document) -> bytes:
-    """Return the PDF that Typst makes of the template and its data, without access to any other file."""
+    """Compile the template with its data by Typst, which can read no other file; return the PDF."""
     import typst
 
     with TemporaryDirectory(prefix="jointstiff-report-") as empty:  # all that Typst may read
         compiler = typst.Compiler(
             _TEMPLATE.read_bytes(),
             root=empty,
-            font_paths=_fonts(),
+            font_paths=_load_fonts(),
             sys_inputs={"document": json.dumps(data)},
             package_path=empty,
             package_cache_path=empty,
@@ -169,7 +170,7 @@ def _compile_pdf(data: dict[str, Any], document: Document) -> bytes:
 
 
 @cache
-def _fonts() -> typst.Fonts:
+def _load_fonts() -> typst.Fonts:
     """Return the fonts of Typst itself, without those of the system: reports look the same everywhere."""
     import typst
 
@@ -196,7 +197,10 @@ def _template_data(document: Document) -> dict[str, Any]:
 
 
 def _replace_unusual_characters(value: Any) -> Any:  # noqa: ANN401 - JSON
-    """Replace characters that the fonts may lack by their codes; not in the content of attachments."""
+    """Replace characters that the fonts may lack by their codes in all texts of a JSON value.
+
+    Texts in fields named `content`, the attachments, are not changed.
+    """
     if isinstance(value, str):
         return _UNUSUAL.sub(lambda found: f"‹U+{ord(found[0]):04X}›" if found[0] != "\n" else "\n", value)
     if isinstance(value, list | tuple):

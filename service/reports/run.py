@@ -1,4 +1,4 @@
-"""The report of a run, from the run, its readings' metadata and the laboratory's settings."""
+"""The report of a run, made from the run, its measurement set and the laboratory's settings."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from jointstiff.schemas.report import Laboratory
 from jointstiff.schemas.run import Budget, RunResult
 from jointstiff.service.conversion.robots import joint_factors
 from jointstiff.service.conversion.units import FORCE, LENGTH
-from jointstiff.service.kinds.run.kind import causes_tested
+from jointstiff.service.kinds.run.kind import list_tested_causes
 from jointstiff.service.reports.document import (
     IDENTIFICATION,
     NOT_ISO_9283,
@@ -37,9 +37,14 @@ from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.pictures import draw_arm, draw_deflections, draw_intervals
 from jointstiff.service.runs.deflection import predict_by_run
 from jointstiff.service.runs.verdicts import refuse_unaccepted
-from jointstiff.service.tables.report import METHOD_NAMES, VERDICTS, requested, support
+from jointstiff.service.tables.report import (
+    METHOD_NAMES,
+    VERDICTS,
+    describe_passed_checks,
+    list_request_fields,
+)
 from jointstiff.service.tables.stiffness import UNITS
-from jointstiff.service.tables.table import NO_NUMBER, rounded, text_table
+from jointstiff.service.tables.table import NO_NUMBER, format_rounded, text_table
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.measurements import ASSUMED_FORCE_SCALE, ASSUMED_LOAD_POINT
 from jointstiff.solver.text import figure, length_text
@@ -94,15 +99,15 @@ ITEMS: Final = (
 
 
 MAX_ATTACHED_BYTES: Final = 2_500_000
-"""JSON of a run that is attached whole; it takes a quarter of that in the PDF."""
+"""Greatest JSON of a run that is attached completely [bytes]; the PDF compresses it to a quarter."""
 TITLE: Final = "Report on joint stiffness"
 PREDICTED_FORCE: Final = 100.0
-"""Force for the predicted compliance of the flange [N]; small, so that it counts as linear."""
+"""Force for the predicted compliance of the flange [N]; small enough for a linear deflection."""
 _AXES: Final = ("X", "Y", "Z")
 _BY_OBSERVATION: Final = ("residuals", "contributions", "encoder_residuals")
 _UNIT: Final = UNITS["MNm/rad"]
 _USUAL: Final = 0.95
-"""Coverage probability of k = 2, nearly."""
+"""Coverage probability that corresponds to k = 2, nearly."""
 _MOST_WARNINGS: Final = 12
 _TARGETS_NAMED: Final = 8
 _MISSING: Final = {
@@ -115,24 +120,24 @@ _MISSING: Final = {
 class RunSubject:
     """Run, readings and settings from which a report is made."""
 
-    model: ExportedModel  # the run with its robot
+    model: ExportedModel  # run with its robot
     readings: MeasurementSetDocument  # the measurement set; of its observations only the postures are drawn
     settings: LaboratorySettings  # settings of the laboratory
 
     def run_json(self) -> bytes:
-        """Return the run as JSON for the attachment; a large run without its lists by observation."""
+        """Return the JSON of the run to attach; for a large run without the lists of its observations."""
         run = self.model.run
         whole = run.model_dump_json().encode()
         if len(whole) <= MAX_ATTACHED_BYTES or run.result is None:
             return whole
-        less = run.result.model_copy(update={name: [] for name in _BY_OBSERVATION})
-        return run.model_copy(update={"result": less}).model_dump_json().encode()
+        shorter = run.result.model_copy(update={name: [] for name in _BY_OBSERVATION})
+        return run.model_copy(update={"result": shorter}).model_dump_json().encode()
 
 
-def run_document(subject: RunSubject) -> Document:
-    """Return the report of a run; the same run, readings and settings give the same document."""
+def build_run_report(subject: RunSubject) -> Document:
+    """Build the report of a run; equal runs, measurement sets and settings give equal documents."""
     run, settings = subject.model.run, subject.settings
-    items = text_table(["item", "requires", "is in"], ITEMS, texts=[0, 1, 2])
+    items = text_table(["item", "requirement", "place in this report"], ITEMS, texts=[0, 1, 2])
     return Document(
         title=TITLE,
         number=run.id,
@@ -144,7 +149,7 @@ def run_document(subject: RunSubject) -> Document:
             *_build_prediction_section(subject),
             build_uncertainty_section(subject.model),
             build_method_section(subject.model, settings.laboratory),
-            Section(REQUESTED, facts=requested(run.request)),
+            Section(REQUESTED, facts=list_request_fields(run.request)),
             _build_adjustment_section(subject.model),
             _build_traceability_section(subject.readings, settings.laboratory),
             build_assessment_section(subject.model.result),
@@ -203,13 +208,15 @@ def build_results_section(model: ExportedModel, readings: MeasurementSetDocument
         value, spread, interval = _UNIT.cells(joint)
         wide = NO_NUMBER
         if u is not None:
-            spread, wide = (rounded(_UNIT.factor * size, _UNIT.factor * size) for size in (u[0] / u[1], u[0]))
+            spread, wide = (
+                format_rounded(_UNIT.factor * size, _UNIT.factor * size) for size in (u[0] / u[1], u[0])
+            )
         identified = joint.status == "identified"
         verdict = VERDICTS[joint.verdict] if identified else joint.status.replace("_", " ")
         rows.append([joint.name, value, spread, wide, interval, verdict])
     sigma = NO_NUMBER
     if result.sigma is not None:
-        sigma = f"{rounded(1e6 * result.sigma)} µm ({result.goodness.sigma_source})"
+        sigma = f"{format_rounded(1e6 * result.sigma)} µm ({result.goodness.sigma_source})"
     posture = (joint_factors(model.robot, readings.units) * readings.observations[0].joints).tolist()
     pictures = [
         draw_intervals(result.joints, model.run.request.confidence),
@@ -234,9 +241,9 @@ def build_results_section(model: ExportedModel, readings: MeasurementSetDocument
 
 
 def expanded_uncertainties(model: ExportedModel) -> Iterator[tuple[float, float, float] | None]:
-    """Yield for each joint the expanded uncertainty of its stiffness, coverage factor and probability.
+    """Yield (expanded uncertainty of the stiffness, coverage factor, probability) of each joint.
 
-    None for a joint without stiffness or budget. The model error is included.
+    The uncertainty includes the model error. None is yielded for a joint without stiffness or budget.
     """
     budget = model.result.budget
     for joint in model.result.joints:
@@ -252,14 +259,15 @@ def expanded_uncertainties(model: ExportedModel) -> Iterator[tuple[float, float,
         )
 
 
-def predicted_compliance(subject: RunSubject) -> list[CaseResult]:
-    """Predict the deflection of the flange's centre by 100 N along each axis of R0, in the first posture.
+def predict_flange_compliance(subject: RunSubject) -> list[CaseResult]:
+    """Predict the displacement of the flange's centre by 100 N along each axis of R0, in the first posture.
 
     Returns:
-        A case for each axis; no case if the run cannot predict, or its verdict is "do not use".
+        Results for X, Y and Z; an empty list if the run cannot predict, or has the verdict "do not use".
     """
     units, first = subject.readings.units, subject.readings.observations[0]
     size = PREDICTED_FORCE / FORCE[units.force]
+    # Vectors along X, Y and Z
     forces = [tuple(size * (axis == other) for other in _AXES) for axis in _AXES]
     cases = [
         LoadCase(label=axis, joints=first.joints, force=force)
@@ -279,7 +287,7 @@ def _build_prediction_section(subject: RunSubject) -> Iterator[Section]:
 
     Its table has the form of ISO 9283, clause 10.
     """
-    cases, per_newton = predicted_compliance(subject), 1e3 / PREDICTED_FORCE
+    cases, per_newton = predict_flange_compliance(subject), 1e3 / PREDICTED_FORCE
     rows = []
     for case in cases:
         moved = case.displacement or (None, None, None)
@@ -287,15 +295,18 @@ def _build_prediction_section(subject: RunSubject) -> Iterator[Section]:
         rows.append(
             [
                 case.label,
-                *(NO_NUMBER if each is None else rounded(per_newton * each, u, ".3g") for each in moved),
-                NO_NUMBER if u is None else rounded(u, u),
+                *(
+                    NO_NUMBER if each is None else format_rounded(per_newton * each, u, ".3g")
+                    for each in moved
+                ),
+                NO_NUMBER if u is None else format_rounded(u, u),
             ]
         )
     if rows:
         head = [
             "force along",
             *(f"predicted displacement along {axis} [mm/N]" for axis in _AXES),
-            "U of its length [mm/N]",
+            "expanded uncertainty of the displacement's length [mm/N]",
         ]
         remarks = dict.fromkeys(remark for case in cases for remark in case.remarks)
         yield Section(
@@ -316,7 +327,7 @@ def describe_prediction(subject: RunSubject) -> str:
 
 
 def _coverage_factor(budget: Budget) -> float:
-    """Return the coverage factor of a budget; 2 instead of 1.96, as EA-4/02 has it for 95 %."""
+    """Return the coverage factor of a budget; for 95 % at least 2, as EA-4/02 requires, instead of 1.96."""
     if budget.probability == _USUAL and budget.coverage_factor <= 2.0:
         return 2.0
     return budget.coverage_factor
@@ -333,7 +344,9 @@ def build_uncertainty_section(model: ExportedModel) -> Section:
         ]
         return Section(
             UNCERTAINTY,
-            paragraphs=["Shares of each interval's width, by the readings and by the bounds of the masses."],
+            paragraphs=[
+                "Shares of each interval's width: from the readings, and from the bounds of the masses."
+            ],
             tables=[text_table(["joint", "readings", "uncertain masses"], cells, texts=[0])],
         )
     if budget is None:
@@ -347,10 +360,10 @@ def build_uncertainty_section(model: ExportedModel) -> Section:
     sizes = {joint.name: abs(joint.compliance or 0.0) for joint in model.result.joints}
 
     def relative_row(source: str, kind: str, values: Sequence[float]) -> list[str]:
-        """Return a row of the table: uncertainties as percentages of the compliances."""
+        """Return a row of the table: source, type, and uncertainties in percent of the compliances."""
         pairs = zip(budget.joints, values, strict=True)
         shares = [100.0 * u / sizes[name] if sizes[name] else None for name, u in pairs]
-        return [source, kind, *(NO_NUMBER if each is None else rounded(each, each) for each in shares)]
+        return [source, kind, *(NO_NUMBER if each is None else format_rounded(each, each) for each in shares)]
 
     factor = _coverage_factor(budget)
     combined = [each / budget.coverage_factor for each in budget.expanded_with_model_error]
@@ -370,7 +383,7 @@ def build_uncertainty_section(model: ExportedModel) -> Section:
         ),
     ]
     missing = "".join(f"It is partial: {_MISSING[each]}. " for each in budget.missing)
-    caption = "Contributions to the standard uncertainty of each compliance [% of it]"
+    caption = "Contributions to the standard uncertainty of each compliance [% of the compliance]"
     return Section(
         UNCERTAINTY,
         tables=[text_table(["source", "type", *budget.joints], rows, caption)],
@@ -443,7 +456,7 @@ def build_method_section(model: ExportedModel, laboratory: Laboratory | None) ->
         facts=[
             ("Method", f"{way}; jointstiff {version}, as its documentation states (docs/method.md)."),
             *masses,
-            *(("Causes tested, p-value", line) for line in causes_tested(model.result)),
+            *(("Causes tested, p-value", line) for line in list_tested_causes(model.result)),
             ("Procedure of the laboratory", (laboratory and laboratory.method) or NOT_STATED),
         ],
         notes=notes or ["Deviations: none."],
@@ -451,14 +464,14 @@ def build_method_section(model: ExportedModel, laboratory: Laboratory | None) ->
 
 
 def _build_adjustment_section(model: ExportedModel) -> Section:
-    """Return the section with the mean deflection as measured and after compensation by the model."""
+    """Return the section with the mean deflection, as measured and after compensation with the model."""
     residuals, facts = model.result.residuals, []
     if residuals:
         before = 1e3 * fmean(float(np.linalg.norm(each.deflection)) for each in residuals)
         after = 1e3 * fmean(float(np.linalg.norm(each.residual)) for each in residuals)
         facts = [
-            ("Mean deflection, before: as measured", f"{rounded(before)} mm"),
-            ("Mean deflection, after compensation by the model, computed", f"{rounded(after)} mm"),
+            ("Mean deflection, before: as measured", f"{format_rounded(before)} mm"),
+            ("Mean deflection, after compensation by the model, computed", f"{format_rounded(after)} mm"),
             ("Share that the model compensates", format_percent(model.result.compensation)),
         ]
     return Section(
@@ -475,7 +488,7 @@ def _build_traceability_section(readings: MeasurementSetDocument, laboratory: La
     """Return the section with conditions, instrument, traceability, loads and targets."""
     newtons, millimetres = FORCE[readings.units.force], 1e3 * LENGTH[readings.units.length]
     sizes = [newtons * float(np.linalg.norm(each.force)) for each in readings.observations]
-    force = " N to ".join(dict.fromkeys((rounded(min(sizes)), rounded(max(sizes)))))
+    force = " N to ".join(dict.fromkeys((format_rounded(min(sizes)), format_rounded(max(sizes)))))
     moments = any(each.moment is not None and any(each.moment) for each in readings.observations)
     point = "stated with each observation"
     if readings.load_point and all(each.load_point is None for each in readings.observations):
@@ -489,7 +502,7 @@ def _build_traceability_section(readings: MeasurementSetDocument, laboratory: La
             ("Conditions", conditions or NOT_STATED),
             ("Instrument", readings.instrument or NOT_STATED),
             ("Metrological traceability", (laboratory and laboratory.traceability) or NOT_STATED),
-            ("Uncertainty of readings and load", " ".join(_stated_noise(readings))),
+            ("Uncertainty of readings and load", " ".join(_describe_noise(readings))),
             ("Position loop closed by", f"{readings.encoders} encoders"),
             ("Observations", f"{len(readings.observations)}"),
             ("Force on the robot", f"{force} N{', and moments' * moments}"),
@@ -499,7 +512,7 @@ def _build_traceability_section(readings: MeasurementSetDocument, laboratory: La
     )
 
 
-def _stated_noise(readings: MeasurementSetDocument) -> Iterator[str]:
+def _describe_noise(readings: MeasurementSetDocument) -> Iterator[str]:
     """Yield sentences on the stated uncertainty of the readings, of the load, the targets and the axes."""
     noise, length = readings.noise, LENGTH[readings.units.length]
     if noise is not None and noise.refuted:
@@ -514,15 +527,16 @@ def _stated_noise(readings: MeasurementSetDocument) -> Iterator[str]:
     if noise is not None:
         if noise.sigma is not None:
             refuted = "Stated and refuted: " if noise.refuted else ""
-            yield f"{refuted}σ = {rounded(1e6 * length * noise.sigma)} µm of a coordinate of a reading."
+            sigma = format_rounded(1e6 * length * noise.sigma)
+            yield f"{refuted}σ = {sigma} µm of a coordinate of a reading."
         if noise.instrument is not None and not noise.refuted:
             yield "from the data sheet of the instrument."
-        yield from _shared_uncertainties(noise, 1e3 * length)
+        yield from _describe_shared_uncertainties(noise, 1e3 * length)
     if any(any((*each.force, *(each.moment or ()))) for each in readings.observations):
-        yield from _assumed_uncertainties(noise)
+        yield from _describe_assumed_uncertainties(noise)
 
 
-def _assumed_uncertainties(noise: Noise | None) -> Iterator[str]:
+def _describe_assumed_uncertainties(noise: Noise | None) -> Iterator[str]:
     """Yield sentences on uncertainties of the load that are assumed because they are not stated."""
     if noise is None or noise.force is None or noise.force.scale is None:
         yield f"Size of the force: none stated; ±{100 * ASSUMED_FORCE_SCALE:g} % assumed."
@@ -530,21 +544,21 @@ def _assumed_uncertainties(noise: Noise | None) -> Iterator[str]:
         yield f"Load point: none stated; ±{1e3 * ASSUMED_LOAD_POINT:g} mm assumed."
 
 
-def _shared_uncertainties(noise: Noise, millimetres: float) -> Iterator[str]:
+def _describe_shared_uncertainties(noise: Noise, millimetres: float) -> Iterator[str]:
     """Yield sentences on stated uncertainties that all observations share: force, places, axes.
 
-    `millimetres` is the size of the set's unit of length [mm].
+    `millimetres` is the length of the set's unit of length in mm.
     """
     if noise.force is not None:
         size = "" if noise.force.scale is None else f"relative {noise.force.scale:g}, "
-        yield f"Force: {size}direction {rounded(1e3 * noise.force.direction)} mrad."
+        yield f"Force: {size}direction {format_rounded(1e3 * noise.force.direction)} mrad."
     for name, value in (("Load point", noise.load_point), ("Places of the targets", noise.target_places)):
         if value is not None:
-            yield f"{name}: {rounded(millimetres * value)} mm a coordinate."
+            yield f"{name}: {format_rounded(millimetres * value)} mm a coordinate."
     if noise.axes is not None:
         yield (
-            f"Axes of the robot's model: {rounded(millimetres * noise.axes.position)} mm across, "
-            f"{rounded(1e3 * noise.axes.direction)} mrad."
+            f"Axes of the robot's model: {format_rounded(millimetres * noise.axes.position)} mm across, "
+            f"{format_rounded(1e3 * noise.axes.direction)} mrad."
         )
 
 
@@ -560,7 +574,7 @@ def build_assessment_section(result: RunResult) -> Section:
         ASSESSMENT,
         facts=facts,
         notes=[
-            *(lines[:_MOST_WARNINGS] or [f"{support(result.assessment).capitalize()}."]),
+            *(lines[:_MOST_WARNINGS] or [f"{describe_passed_checks(result.assessment).capitalize()}."]),
             *([f"And {more} more, in run.json."] if more > 0 else []),
             *result.assessment.notes,
         ],

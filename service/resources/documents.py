@@ -1,4 +1,4 @@
-"""Documents from files: campaigns, robots, requests; and what a file is instead, if it is none of them."""
+"""Documents read from files: campaigns, robots, requests; an error names other known kinds of files."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES, NOT_JSON, MalformedError, parse
-from jointstiff.service.problems import CampaignError, http_problem, invalid_request, problem_of
+from jointstiff.service.problems import CampaignError, http_problem, problem_from_error, problem_from_faults
 from jointstiff.solver.errors import RequestError
 
 Document = TypeVar("Document", bound=BaseModel)
 AnyCampaign = Campaign | Mapping[str, Any] | str | PathLike[str]
-"""A campaign, its document, or the name of its file."""
+"""A campaign as a message, as a document (mapping), or as the name of a file."""
 
 
-def campaign_of(campaign: AnyCampaign) -> Campaign:
-    """Return the campaign that a file or a document holds; a campaign is returned as it is.
+def read_campaign(campaign: AnyCampaign) -> Campaign:
+    """Return a campaign, read from a file or a document; a message is returned unchanged.
 
     Raises:
         CampaignError: the file is too large, or the document is no campaign.
@@ -43,7 +43,8 @@ def read_document(path: Path, message: type[Document], section: str | None = Non
     Args:
         path: path of the file.
         message: class of the message.
-        section: key under which the message may be found in a larger document, such as a campaign.
+        section: key of the message in a larger document, such as `robot` in a campaign; the file may also
+            hold the message alone.
 
     Raises:
         CampaignError: the file is too large, or holds no such message.
@@ -72,7 +73,13 @@ def read_content(path: Path) -> bytes:
 def parse_content(
     content: bytes, message: type[Document], path: Path | None = None, section: str | None = None
 ) -> Document:
-    """Validate the content of a file as a message; `path` is for errors, `section` as in `read_document`.
+    """Validate the content of a file as a message.
+
+    Args:
+        content: bytes of the file.
+        message: class of the message.
+        path: name of the file, for errors.
+        section: field of the file's object that holds the message; None if the whole file is the message.
 
     Raises:
         CampaignError: the content is no such message.
@@ -90,6 +97,8 @@ def read_object(path: Path) -> dict[str, Any]:
 
 
 class _AnyObject(BaseModel):
+    """A JSON object with any fields."""
+
     model_config = ConfigDict(extra="allow")
 
 
@@ -97,16 +106,16 @@ def parse_document(document: Mapping[str, Any], message: type[Document]) -> Docu
     """Validate a document as a message; its values may be messages and arrays.
 
     Raises:
-        CampaignError: the document is no such message, or holds values that JSON has not.
+        CampaignError: the document is no such message, or holds values that JSON cannot represent.
     """
-    return _validate_content(message, document_content(document))
+    return _validate_content(message, encode_document(document))
 
 
-def document_content(document: Mapping[str, Any]) -> bytes:
+def encode_document(document: Mapping[str, Any]) -> bytes:
     """Return a document as JSON, encoded in UTF-8; its values may be messages and arrays.
 
     Raises:
-        CampaignError: the document holds values that JSON has not.
+        CampaignError: the document holds values that JSON cannot represent.
     """
     try:
         return json_text(document).encode()
@@ -142,30 +151,34 @@ def _plain_value(value: Any) -> Any:  # noqa: ANN401 - anything in a document
 def _validate_content(
     message: type[Document], content: bytes, section: str | None = None, path: Path | None = None
 ) -> Document:
-    """Validate JSON as a message; raise `CampaignError` with the faults, or with what the file is instead."""
+    """Validate JSON as a message.
+
+    Raises:
+        CampaignError: with the faults, or, if the file is another known kind of document, with its kind.
+    """
     try:
         return parse(message, content, section)
     except MalformedError as error:
-        instead = _other_document(message, content, error, str(path or "the file"))
-        problem = instead or invalid_request(error.faults)
-        if path is not None and instead is None:
+        other_kind = _explain_other_document(message, content, error, str(path or "the file"))
+        problem = other_kind or problem_from_faults(error.faults)
+        if path is not None and other_kind is None:
             named = {"title": f"{path} does not match the schema", "where": f"{path}: {problem.where}"}
             problem = problem.model_copy(update=named)
         raise CampaignError(problem) from None
 
 
-def _other_document(
+def _explain_other_document(
     message: type[BaseModel], content: bytes, error: MalformedError, name: str
 ) -> Problem | None:
-    """Return the problem of a file that holds another known kind of document; None if it holds none.
+    """Return problem details that name the kind of a document which is not the expected message.
 
-    `message` is the class that was expected, `error` why the content is no such message.
+    `message` is the expected class, `error` the failure of its validation. None if the kind is unknown.
     """
     tables = "to read tables and point lists use `jointstiff import FILE`"
     if error.keys is NOT_JSON:
         if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
             return http_problem(422, f"{name} is a text in UTF-16, not a JSON document", "save it as UTF-8")
-        from jointstiff.service.importing.grid import file_type  # with its messages, for such a file only
+        from jointstiff.service.importing.grid import file_type  # imported only for such a file
 
         if content.lstrip()[:1] not in (b"{", b"["):
             what = file_type(content) or "a text"
@@ -189,7 +202,7 @@ _OTHERS: Final = (
 
 
 def read_robot(text: str) -> RobotDocument:
-    """Return the robot in a file of a robot or a campaign; if no such file exists, the arm of this name.
+    """Return the robot in a file of a robot or a campaign, or else the catalogue's arm with the name `text`.
 
     Raises:
         CampaignError: the file holds no robot, or neither a file nor an arm has this name.
@@ -201,7 +214,7 @@ def read_robot(text: str) -> RobotDocument:
     try:
         return nominal_robot(find_arm(text, "--robot"))
     except RequestError as error:
-        problem = problem_of(error)
+        problem = problem_from_error(error)
         detail = f"there is no file '{text}', and {problem.detail}"
         raise CampaignError(problem.model_copy(update={"detail": detail})) from error
 
@@ -209,11 +222,11 @@ def read_robot(text: str) -> RobotDocument:
 def read_planned(source: Any) -> Any:  # noqa: ANN401 - robot, campaign or run
     """Return the robot, campaign or run for which a campaign is planned.
 
-    A message is returned as it is; documents and files are read as a robot or a campaign; any other text is
+    A message is returned unchanged; documents and files are read as a robot or a campaign; any other text is
     the name of an arm in the catalogue.
 
     Raises:
-        CampaignError: the file is too large or holds neither, or neither a file nor an arm has this name.
+        CampaignError: the file is too large, or has no robot or campaign; or no file or arm has this name.
     """
     if isinstance(source, Mapping):
         return parse_document(source, Campaign if "measurement_set" in source else RobotDocument)

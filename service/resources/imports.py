@@ -1,4 +1,4 @@
-"""Imports: files in, a preview and the measurement set or the poses that they make out. Nothing is stored."""
+"""Import files of readings: return a preview and a measurement set or poses. Nothing is stored."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from jointstiff.schemas.imports import (
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, Reading
 from jointstiff.schemas.robot import Body
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place
-from jointstiff.service.importing.grammar import Kind, Quantity, along_axis, joint_number
+from jointstiff.service.importing.grammar import Kind, Quantity, joint_number, split_along_target
 from jointstiff.service.importing.reading import SourceFile, Understood, understand_files
-from jointstiff.service.importing.rows import Gathered
-from jointstiff.service.problems import FilesError, reworded
+from jointstiff.service.importing.rows import ObservationRecord
+from jointstiff.service.problems import FilesError, reword_fault
 from jointstiff.solver.errors import MeasurementError
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from jointstiff.solver.mechanics.robot import Robot
 
 _LENGTHS: Final = frozenset(("sigma", "station", "constant", "load_point", "target_places", "position"))
-"""Fields with lengths, in `noise` and of the request."""
+"""Fields of the request, and of its `noise`, that hold lengths."""
 
 
 class ImportRefusedError(FilesError):
@@ -42,13 +42,13 @@ class ImportRefusedError(FilesError):
 
     def __init__(self, faults: Sequence[ImportFileError]) -> None:
         first = faults[0]
-        self.faults = tuple(faults)  # the first ones, in their order
+        self.faults = tuple(faults)  # the first faults, in their order
         items = [(_place_text(fault.place), fault.reason, fault.remedy) for fault in self.faults]
         super().__init__(first.reason, remedy=first.remedy, where=_place_text(first.place), items=items)
 
 
 def _place_text(place: Place) -> str:
-    """Return a place as `file:line:column`, as far as it is known; `files` for no place."""
+    """Return a place as `file:line:column`, without unknown parts; `files` if nothing is known."""
     return ":".join(str(part) for part in place if part is not None) or "files"
 
 
@@ -117,20 +117,20 @@ def import_files(
 
 
 def _is_unloaded(understood: Understood, request: ImportRequest) -> bool:
-    """Return whether all positions are unloaded, and neither the files nor the request state a force."""
+    """Return whether all positions are without load, and neither the files nor the request state a force."""
     forces = (one.vector("force") or () for one in understood.observations)
     return understood.preview.states == ["unloaded"] and request.force is None and not any(map(any, forces))
 
 
 def _name_joints_of_bodies(bodies: Sequence[Body], robot: Robot | None) -> list[Body]:
-    """Return bodies whose joints have the robot's names; tables may number joints: `2`, `J2`, `axis 2`.
+    """Return the bodies with joint names of the robot in place of joint numbers such as `2`, `J2`, `axis 2`.
 
     Raises:
         ImportFileError: the robot has no such joint.
     """
     named = []
     for body in bodies:
-        number = joint_number(body.joint)
+        number = joint_number(body.joint)  # None if the text is no joint number
         joint = body.joint
         if robot is None:
             joint = f"joint_{number}" if number else joint
@@ -153,7 +153,9 @@ def _missing_fields(
     """
     first, states = understood.observations[0], understood.preview.states
     unusual = [] if request.accept_unusual else _describe_unusual_values(understood, request)
-    right = f"a confirmation (`accept_unusual`) that this is right: {'; '.join(unusual[:MAX_PREVIEW_ROWS])}"
+    confirmation = (
+        f"a confirmation (`accept_unusual`) that this is right: {'; '.join(unusual[:MAX_PREVIEW_ROWS])}"
+    )
     stated, unit = request.force is not None, None if request.units is None else request.units.force
     joints = "joint angles of each observation: columns `J1 [deg]`, `J2 [deg]`, … (lengths as `J3 [mm]`)"
     forces = "the force of each observation: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one `force`"
@@ -174,15 +176,15 @@ def _missing_fields(
         (states == ["loaded"], "unloaded", "the positions without load"),
         (unplaced, "flange_targets", places),
         (no_point, "load_point", "the load point (`load_point`), in the flange frame"),
-        (bool(unusual), "accept_unusual", right),
+        (bool(unusual), "accept_unusual", confirmation),
         (no_unit, "units.force", "the unit of `force` (`units`): N, kN or kgf"),
         (request.encoders is None, "encoders", encoders),
     ]
-    return {field: text for lacks, field, text in wanted if lacks}
+    return {field: text for is_missing, field, text in wanted if is_missing}
 
 
 def _describe_unusual_values(understood: Understood, request: ImportRequest) -> list[str]:
-    """Return descriptions of values to be confirmed: far from all others, or a load point out of reach."""
+    """Describe values that a person must confirm: far from all others, or a load point out of reach."""
     stated, unit = _length_units(understood, request)
     read = [point for one in understood.observations if (point := one.vector("load point"))]
     points = [hypot(*_convert_lengths(point, unit, "m", "load_point")) for point in read]
@@ -198,7 +200,7 @@ def _inspect_set(
 ) -> list[Finding]:
     """Check a set against its robot and return the findings.
 
-    A suspect unit of lengths that the request states gets a remedy that names their fields.
+    If lengths that the request states seem to have a wrong unit, the remedy names their fields.
 
     Raises:
         ImportFileError: the readings cannot be those of the robot.
@@ -225,15 +227,15 @@ def _inspect_set(
 
 
 def _length_units(understood: Understood, request: ImportRequest) -> tuple[str, str]:
-    """Return two units of length: of the request, which is that of the files by default, and of the files."""
-    of_files = understood.units.get("length", "mm")
-    return request.length_unit or of_files, of_files
+    """Return (unit of length of the request, of the files); by default the request has that of the files."""
+    unit_of_files = understood.units.get("length", "mm")
+    return request.length_unit or unit_of_files, unit_of_files
 
 
 def _convert_lengths(value: Any, before: str, after: str, name: str = "") -> Any:  # noqa: ANN401 - any part of it
-    """Convert the lengths in a part of the request from one unit to another, m or mm.
+    """Convert the lengths in a part of the request between m and mm, from unit `before` to unit `after`.
 
-    `name` is the field of the part; numbers of fields that are not in `_LENGTHS` are returned as they are.
+    `name` is the field of the part; numbers of fields that are not in `_LENGTHS` are not converted.
     """
     if isinstance(value, dict):
         return {key: _convert_lengths(part, before, after, key) for key, part in value.items()}
@@ -244,7 +246,7 @@ def _convert_lengths(value: Any, before: str, after: str, name: str = "") -> Any
     return value / 1e3 if after == "m" else value * 1e3
 
 
-# ---- what is made of the files
+# ---- results made from the files
 
 
 def _choose_name(request: ImportRequest, first: str) -> str:
@@ -300,14 +302,15 @@ def _build_measurement_set(
     except ValidationError as error:
         fault = error.errors(include_url=False, include_context=False, include_input=False)[0]
         path = ".".join(map(str, fault["loc"]))
-        reason = f"the readings do not make a valid measurement set: {path} {reworded(fault)}"
+        reason = f"the readings do not make a valid measurement set: {path} {reword_fault(fault)}"
         raise ImportFileError(NOWHERE, reason, "check the limits of measurement sets") from error
 
 
-def _build_observation(one: Gathered, force: Vector3 | None) -> Observation:
-    """Return an observation from what was gathered of it; `force` is used if it has no force of its own."""
+def _build_observation(one: ObservationRecord, force: Vector3 | None) -> Observation:
+    """Return an observation from the values gathered in the files; `force` replaces a missing force."""
 
     def vector(kind: Kind) -> Vector3 | None:
+        """Return the vector of a kind, such as `moment`; None if the files have none."""
         return cast("Vector3 | None", one.vector(kind))
 
     return Observation(
@@ -320,14 +323,14 @@ def _build_observation(one: Gathered, force: Vector3 | None) -> Observation:
     )
 
 
-def _build_reading(one: Gathered, target: str) -> Reading:
+def _build_reading(one: ObservationRecord, target: str) -> Reading:
     """Return the reading of a target in an observation.
 
     Uncertainties of coordinates become covariances; uncertainties of points become one sigma for both states.
     """
     gauge = one.values.get(Quantity("along", target, "deflection"))
     if gauge is not None:
-        along = along_axis(target)[1]
+        along = split_along_target(target)[1]
         direction = tuple(float(axis == along) for axis in range(3))
         displacement = None if gauge.vector is None else gauge.vector[0]
         reading = {"target": target, "displacement": displacement, "direction": direction}
@@ -347,7 +350,7 @@ def _build_reading(one: Gathered, target: str) -> Reading:
 def _build_geometry_request(
     understood: Understood, request: ImportRequest, first: str
 ) -> GeometryRequest | None:
-    """Return a request for a geometry of the unloaded poses; None if they exceed the limits of a geometry."""
+    """Return a request to identify a geometry from the unloaded poses; None if they exceed its limits."""
     units = _length_units(understood, request)
     readings = [states["unloaded"] for one in understood.observations for states in one.points.values()]
     if len(readings) > MAX_GEOMETRY_READINGS or len(understood.preview.targets) > MAX_GEOMETRY_TARGETS:
@@ -373,7 +376,7 @@ def _build_geometry_request(
 
 
 def _build_template(understood: Understood, request: ImportRequest) -> ImportRequest | None:
-    """Return options that read files of the same form again and refuse other files.
+    """Return import options that accept files with the same columns and refuse other files.
 
     None if the files have more columns, or longer headers, than options can hold.
     """

@@ -1,6 +1,6 @@
-"""Inputs that a request names by id: they are fetched, never computed; here from files.
+"""Robots, sets and runs that a request names with ids: an interface, and an implementation in memory.
 
-`Resources` fetches them from a store.
+`Resources` implements the interface for a store.
 """
 
 from __future__ import annotations
@@ -13,7 +13,12 @@ from uuid import uuid4
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.run import Run
-from jointstiff.service.conversion.prepared import PreparedRobot, PreparedSet, prepare_set, without
+from jointstiff.service.conversion.prepared import (
+    PreparedRobot,
+    PreparedSet,
+    leave_out_observations,
+    prepare_set,
+)
 from jointstiff.service.resources.known_robots import catalogue_robots
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.robot import Robot
@@ -24,22 +29,22 @@ class MeasuredRun:
     """A run, and the measurement set from which it was identified."""
 
     run: Run
-    prepared: PreparedSet  # all observations of the set, those that the run left out included
+    prepared: PreparedSet  # the set with all its observations, also with those that the run left out
 
 
 @dataclass(frozen=True)
 class NamedSet:
-    """A measurement set by its names, without its readings."""
+    """Id and names of a measurement set and its robot, without readings."""
 
     id: str
     name: str
     robot_id: str
     robot_name: str
-    content: str  # hash of robot and readings
+    content: str  # hash of the contents of robot and set
 
 
 class Inputs(Protocol):
-    """Source of inputs. Argument `where` of its methods is the field of the request that holds the id."""
+    """Source of robots, sets and runs. The argument `where` is the field of the request that holds the id."""
 
     def robot(self, robot_id: str, where: str) -> tuple[Robot, str]:
         """Return a robot, and the hash of its content.
@@ -58,10 +63,10 @@ class Inputs(Protocol):
         ...
 
     def named_sets(self, set_ids: Sequence[str] | None, where: str) -> list[NamedSet]:
-        """Return the names of measurement sets in the order of `set_ids`; sets may be deleted.
+        """Return ids and names of measurement sets, also deleted sets, in the order of `set_ids`.
 
         Args:
-            set_ids: ids of the sets; None for the last set with loads of each robot.
+            set_ids: ids of the sets; None: for each robot its last measured set with loads.
             where: field of the request that holds the ids.
 
         Raises:
@@ -69,8 +74,8 @@ class Inputs(Protocol):
         """
         ...
 
-    def listed(self, message: type[Job], robot_id: str) -> Iterable[Mapping[str, Any]]:
-        """Return the summaries of the newest jobs of a robot; `message` is the class of their kind."""
+    def job_summaries(self, message: type[Job], robot_id: str) -> Iterable[Mapping[str, Any]]:
+        """Return the summaries of the newest jobs of a robot; `message` is the message class of the jobs."""
         ...
 
     def run(self, run_id: str, where: str) -> MeasuredRun:
@@ -82,8 +87,8 @@ class Inputs(Protocol):
         ...
 
 
-class FromFile:
-    """Inputs from documents in memory. Each input that is added gets an id for requests."""
+class InMemoryInputs:
+    """Robots, sets and runs in memory. Each of them gets an id, for use in requests, when it is added."""
 
     def __init__(self) -> None:
         """Begin without inputs."""
@@ -126,11 +131,13 @@ class FromFile:
         document, robot, prepared = self._sets[set_id]
         if not leave_out:
             return prepared
-        kept = document.model_copy(update={"observations": without(document.observations, leave_out)})
+        kept = document.model_copy(
+            update={"observations": leave_out_observations(document.observations, leave_out)}
+        )
         return prepare_set(kept, robot, prepared.robot_id, catalogue_robots())
 
     def named_sets(self, set_ids: Sequence[str] | None, where: str) -> list[NamedSet]:
-        """Return the names of measurement sets; without ids those of all sets, as each has its own robot."""
+        """Return ids and names of measurement sets; with `set_ids` None of all sets."""
         named = []
         for i, set_id in enumerate(self._sets if set_ids is None else set_ids):
             content = self.measured(set_id, f"{where}[{i}]").content
@@ -138,8 +145,8 @@ class FromFile:
             named.append(NamedSet(set_id, document.name, prepared.robot_id, robot.document.name, content))
         return named
 
-    def listed(self, *_: object) -> tuple[dict[str, Any], ...]:
-        """Return no summaries: a file holds no earlier jobs of a robot."""
+    def job_summaries(self, *_: object) -> tuple[dict[str, Any], ...]:
+        """Return an empty tuple: without a store there are no earlier jobs of a robot."""
         return ()
 
     def run(self, run_id: str, where: str) -> MeasuredRun:
@@ -149,10 +156,10 @@ class FromFile:
         return self._runs[run_id]
 
 
-def _unknown_id_error(what: str, identifier: str, where: str) -> RequestError:
-    """Return the error of a request that names an id which no input has."""
+def _unknown_id_error(kind: str, identifier: str, where: str) -> RequestError:
+    """Return the error for an id in a request that no robot, set or run in memory has."""
     return RequestError(
-        f"the file holds no {what} '{identifier}'",
+        f"the file holds no {kind} '{identifier}'",
         where=where,
-        remedy=f"give the {what} itself: a file cannot refer to stored resources",
+        remedy=f"give the {kind} itself: a file cannot refer to stored resources",
     )

@@ -10,13 +10,13 @@ from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.solver.integrity.other_robots import KnownRobot
 
 
-def catalogue_robots(but: Collection[str] = ()) -> Iterator[KnownRobot]:
-    """Yield the arms of the catalogue, except those whose content hash is in `but`; built when first used."""
-    yield from (known for content, known in nominal_robots() if content not in but)
+def catalogue_robots(excluded: Collection[str] = ()) -> Iterator[KnownRobot]:
+    """Yield the arms of the catalogue, except arms whose content hash is in `excluded`."""
+    yield from (known for content, known in nominal_robots() if content not in excluded)
 
 
 @cache
 def nominal_robots() -> tuple[tuple[str, KnownRobot], ...]:
-    """Return all arms of the catalogue with their content hashes; cached, as building them takes time."""
+    """Return (content hash, arm) for all arms of the catalogue; cached, as building the arms takes time."""
     prepared = [(arm.name, prepare_robot(nominal_robot(arm))) for arm in catalogue().arms]
     return tuple((each.content_hash, KnownRobot(name, each.robot)) for name, each in prepared)

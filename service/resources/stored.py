@@ -1,4 +1,4 @@
-"""Robots and measurement sets of a store: checked as they come in, built when needed; inputs of requests."""
+"""Robots and measurement sets of a store: checked when posted, loaded when a request names them."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from jointstiff.service.conversion.prepared import (
     PreparedSet,
     build_robot,
     check_set,
-    in_base,
-    placed,
+    frame_fields,
+    leave_out_observations,
     prepare_robot,
-    stated_transform,
+    read_stated_transform,
     to_base_targets,
-    to_resolved,
-    without,
+    to_resolved_frame,
+    transform_to_base,
 )
-from jointstiff.service.conversion.readings import ReadingArrays, has_loads, hash_of, to_measurements
+from jointstiff.service.conversion.readings import ReadingArrays, has_loads, hash_texts, to_measurements
 from jointstiff.service.conversion.robots import describe_joints
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.problems import NotFoundError, Resource
@@ -52,7 +52,7 @@ from jointstiff.service.store.tables import (
     RobotRecord,
 )
 from jointstiff.solver.errors import MeasurementError, RequestError
-from jointstiff.solver.geometry.identification import drift_findings
+from jointstiff.solver.geometry.identification import report_drift
 from jointstiff.solver.integrity.other_robots import KnownRobot
 from jointstiff.solver.mechanics.postures import find_wrist
 from jointstiff.solver.mechanics.robot import Robot
@@ -61,22 +61,23 @@ AnyJob = TypeVar("AnyJob", bound=Job)
 Prepared = TypeVar("Prepared")
 
 FRAME_CODES: Final[frozenset[FindingCode]] = frozenset({"base_drifted", "base_target_moved"})
-"""Kinds of warnings about a frame, whatever the observations."""
+"""Codes of warnings about a frame, which do not depend on the observations."""
 _ROBOTS: Final = 64
+"""Greatest number of robots that are kept in memory, ready for computation."""
 _SETS: Final = 16
-"""Robots and sets that are kept ready for computation."""
+"""Greatest number of measurement sets that are kept in memory, ready for computation."""
 _METADATA: Final = tuple(SetMetadata.model_fields)
 _COLUMNS: Final = ("name", *_METADATA)
-"""Fields of a set that may change: they are kept in columns, and not in the document."""
+"""Fields of a set that can be changed: their values are in columns of the table, not in the document."""
 
 
 class StoredInputs(Generic[Record, Entry, Prepared]):
-    """Stored inputs of one kind, robots or measurement sets: loaded with a cache, changed and deleted."""
+    """Stored robots or measurement sets: load them with a cache, change and delete them."""
 
     def __init__(
         self, records: Collection[Record, Entry], prepare: Callable[[str], Prepared], most: int
     ) -> None:
-        """Serve records; `prepare` loads one by its id, and the last `most` prepared inputs are cached."""
+        """Serve records; `prepare` loads an input, given its id; the `most` inputs used last are cached."""
         self.records: Collection[Record, Entry] = records
         self.ready = lru_cache(most)(prepare)  # id → prepared input
 
@@ -117,7 +118,9 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
         self._store = store
 
     def create(self, request: robots.RobotDocument, key: IdempotencyKey | None) -> RobotRecord:
-        """Check a robot and store it; return its record. A known idempotency key returns the earlier record.
+        """Check a robot and store it; return its record.
+
+        If the idempotency key `key` was used before, the record created then is returned.
 
         Raises:
             RobotError: the description cannot be used.
@@ -160,7 +163,7 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
         return self.ready(robot_id)
 
     def find(self, robot_id: str | None, document: robots.RobotDocument | None) -> Robot:
-        """Return the robot of a document without storing it; if there is none, the stored robot of an id.
+        """Return a robot built from `document` without storing it; if `document` is None, the stored robot.
 
         Raises:
             NotFoundError: there is no such robot.
@@ -171,16 +174,16 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
         return self.load(robot_id or "")[0]
 
     def known(self) -> Iterator[KnownRobot]:
-        """Yield robots that may have been measured: the latest stored robots, then the catalogue's arms."""
+        """Yield robots that may have been measured by mistake: the latest stored, then catalogue arms."""
         page = self._store.robots.page(limit=_ROBOTS)
         for record in page.records:
             yield KnownRobot(record.name, self.load(record.id)[0], record.id)
-        yield from catalogue_robots(but={record.content_hash for record in page.records})
+        yield from catalogue_robots(excluded={record.content_hash for record in page.records})
 
     def _describe_robot(self, request: robots.RobotDocument) -> tuple[robots.RobotDocument, dict[str, str]]:
-        """Return the document of a requested robot, and where its model comes from, as a field and its value.
+        """Return the full document of a requested robot, and the origin of its model.
 
-        The origin is `geometry_id` or `nominal_arm`; it is empty for a model within the request.
+        The origin is {"geometry_id": id}, {"nominal_arm": name of the arm}, or {} for a model in the request.
 
         Raises:
             RequestError: there is no such geometry, or no such arm in the catalogue.
@@ -188,7 +191,7 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
         model = request.model
         if isinstance(model, robots.GeometryModel):
             where = "model.geometry_id"
-            _, result = succeeded_geometry(self._store, model.geometry_id, where)
+            _, result = load_succeeded_geometry(self._store, model.geometry_id, where)
             found = result.robot.model_copy(update={"name": request.name, "bodies": request.bodies})
             return found, {"geometry_id": model.geometry_id}
         joint_map, origin = request.joint_map, {}
@@ -201,18 +204,18 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
         return document, origin
 
     def _load_robot(self, robot_id: str) -> tuple[Robot, str]:
-        """Build a stored robot; return it and the hash of its content."""
+        """Build a stored robot; return the robot and the hash of its content."""
         record = self._store.robots.get(robot_id)
-        return build_robot(described(record)), record.content_hash
+        return build_robot(robot_from_record(record)), record.content_hash
 
 
-def described(record: RobotRecord) -> robots.Robot:
-    """Return a stored robot as the API's message, with its present name."""
+def robot_from_record(record: RobotRecord) -> robots.Robot:
+    """Return the API message of a stored robot, with the present name, which may have been changed."""
     stored = robots.Robot.model_validate_json(record.document)
     return stored.model_copy(update={"name": record.name})
 
 
-def stored_job(store: Store, message: type[AnyJob], job_id: str) -> AnyJob:
+def load_job(store: Store, message: type[AnyJob], job_id: str) -> AnyJob:
     """Return a stored job as a message of the given class.
 
     Raises:
@@ -222,14 +225,14 @@ def stored_job(store: Store, message: type[AnyJob], job_id: str) -> AnyJob:
     return message.model_validate_json(record.document)
 
 
-def succeeded_geometry(store: Store, geometry_id: str, where: str) -> tuple[Geometry, GeometryResult]:
-    """Return a stored geometry and its result; `where` is the field of the request that names it.
+def load_succeeded_geometry(store: Store, geometry_id: str, where: str) -> tuple[Geometry, GeometryResult]:
+    """Return a stored geometry and its result; `where` is the field of the request with its id.
 
     Raises:
         RequestError: there is no such geometry, it was deleted, or it has no result.
     """
     try:
-        geometry = stored_job(store, Geometry, geometry_id)
+        geometry = load_job(store, Geometry, geometry_id)
     except NotFoundError as error:
         raise RequestError(error.reason, remedy=error.remedy, where=where) from error
     if geometry.result is None:
@@ -255,11 +258,11 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
         key: IdempotencyKey | None,
         identifier: str | None = None,
     ) -> MeasurementSetRecord:
-        """Check a measurement set, inspect it for mistakes, and store it with findings; return its record.
+        """Check a measurement set, inspect it for mistakes and store it with findings; return its record.
 
         Args:
             request: robot and readings.
-            key: idempotency key; a known key returns the earlier record.
+            key: idempotency key; if it was used before, the record created then is returned.
             identifier: id of the set; None for a new id.
 
         Raises:
@@ -278,7 +281,7 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
         stored = messages.StoredMeasurementSet(
             **request.model_dump(exclude={"observations", "open"}),
             id=identifier or uuid4().hex,
-            **placed(resolved),
+            **frame_fields(resolved),
             warnings=checked.warnings,
             content_hash=checked.content_hash,
             created_at=datetime.now(UTC),
@@ -306,7 +309,7 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
         Raises:
             NotFoundError: there is no such set.
         """
-        return assembled(self._store.sets.get(set_id))
+        return set_from_record(self._store.sets.get(set_id))
 
     def prepared(self, set_id: str, leave_out: Sequence[str] = ()) -> PreparedSet:
         """Return a set ready for computation.
@@ -322,14 +325,14 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
         if not leave_out:
             return self.ready(set_id)
         stored = self.document(set_id)
-        kept = without(stored.observations, frozenset(leave_out))
+        kept = leave_out_observations(stored.observations, frozenset(leave_out))
         robot, robot_hash = self._robots.load(stored.robot_id)
-        noticed = [warning for warning in stored.warnings if warning.code in FRAME_CODES]
+        frame_warnings = [warning for warning in stored.warnings if warning.code in FRAME_CODES]
         return check_set(
             stored.model_copy(update={"observations": kept}),
             robot,
             stored.resolved,
-            noticed,
+            frame_warnings,
             self._robots.known(),
             robot_id=stored.robot_id,
             robot_hash=robot_hash,
@@ -346,14 +349,14 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
             robot_id=stored.robot_id,
             robot_hash=robot_hash,
             readings=readings,
-            measurements=to_measurements(*in_base(stored, readings, stored.resolved), robot),
+            measurements=to_measurements(*transform_to_base(stored, readings, stored.resolved), robot),
             warnings=stored.warnings,
             content_hash=record.content_hash,
         )
 
 
 class Resources:
-    """The robots and measurement sets of a store, and its runs: the inputs that requests name by id."""
+    """The robots, measurement sets and runs of a store, which requests name with ids."""
 
     def __init__(self, store: Store) -> None:
         self.store = store
@@ -371,8 +374,11 @@ class Resources:
             return self.sets.prepared(set_id, leave_out)
 
     def named_sets(self, set_ids: Sequence[str] | None, where: str) -> list[NamedSet]:
-        """Return the names of stored sets, deleted or not; without ids of the last set of each robot."""
-        chosen = self._last_with_loads() if set_ids is None else set_ids
+        """Return ids and names of stored sets, also of deleted sets.
+
+        With `set_ids` None for each robot its last measured set with loads.
+        """
+        chosen = self._find_last_sets_with_loads() if set_ids is None else set_ids
         found = {row.id: row for row in self.store.sets.named(chosen)}
         for i, set_id in enumerate(chosen):
             if set_id not in found:
@@ -384,14 +390,14 @@ class Resources:
                 name=row.name,
                 robot_id=row.robot_id,
                 robot_name=row.robot_name,
-                content=hash_of(row.robot_hash, row.content_hash),
+                content=hash_texts(row.robot_hash, row.content_hash),
             )
             for row in map(found.__getitem__, chosen)
         ]
 
-    def _last_with_loads(self) -> list[str]:
-        """Return the id of the last measured set with loads for each robot that has such a set."""
-        # Round by round the newest set that was not looked at yet of each robot without a find.
+    def _find_last_sets_with_loads(self) -> list[str]:
+        """Return for each robot the id of its last measured set with loads; others are left out."""
+        # Each round loads, for each robot still without a set with loads, the newest set not examined yet.
         waiting, found = self.store.sets.list_by_robot(), dict[str, str]()
         order = list(waiting)
         while waiting:
@@ -403,8 +409,8 @@ class Resources:
             waiting = {robot_id: sets for robot_id, sets in left.items() if sets}
         return [found[robot_id] for robot_id in order if robot_id in found]
 
-    def listed(self, message: type[Job], robot_id: str) -> Iterator[Mapping[str, Any]]:
-        """Yield summaries of a robot's newest jobs, 1,000 at most; `message` is the class of their kind."""
+    def job_summaries(self, message: type[Job], robot_id: str) -> Iterator[Mapping[str, Any]]:
+        """Yield summaries of a robot's newest jobs, at most 1,000; `message` is their message class."""
         jobs, cursor = self.store.jobs(Resource(message.kind_name(), message.collection)), None
         for _ in range(10):
             page = jobs.page(limit=100, cursor=cursor, filters={"robot_id": robot_id})
@@ -415,7 +421,7 @@ class Resources:
     def run(self, run_id: str, where: str) -> MeasuredRun:
         """Return a stored run with its measurement set; `where` is the field of the request that names it."""
         with _refuse_at_field(where):
-            run = stored_job(self.store, Run, run_id)
+            run = load_job(self.store, Run, run_id)
             return MeasuredRun(run, self.sets.prepared(run.request.measurement_set_id))
 
 
@@ -428,8 +434,8 @@ def _refuse_at_field(field: str) -> Iterator[None]:
         raise RequestError(error.reason, remedy=error.remedy, where=field) from error
 
 
-def assembled(record: MeasurementSetRecord) -> MeasurementSet:
-    """Return a stored measurement set as the API's message, with its observations."""
+def set_from_record(record: MeasurementSetRecord) -> MeasurementSet:
+    """Return the API message of a stored measurement set, with its observations."""
     stored = messages.StoredMeasurementSet.model_validate_json(record.document)
     observations = ReadingArrays.unpack(record.arrays).observations()
     parts = {name: getattr(stored, name) for name in messages.StoredMeasurementSet.model_fields}
@@ -442,7 +448,7 @@ def resolve_frame(store: Store, request: MeasurementSetRequest) -> tuple[Resolve
     """Return the transform from the frame of a set's readings to R0, and warnings about drift.
 
     Returns:
-        The transform, None if the set is in R0; warnings about a drift that the transform corrects.
+        The transform (None if the readings are in R0), and warnings about a drift that it corrects.
 
     Raises:
         MeasurementError: the stated rotation is not a rotation, or base targets cannot be compared.
@@ -453,14 +459,14 @@ def resolve_frame(store: Store, request: MeasurementSetRequest) -> tuple[Resolve
         return None, []
     length = LENGTH[request.units.length]
     if frame.geometry_id is None:
-        return to_resolved(stated_transform(frame, length)), []
-    geometry, result = succeeded_geometry(store, frame.geometry_id, "frame.geometry_id")
+        return to_resolved_frame(read_stated_transform(frame, length)), []
+    geometry, result = load_succeeded_geometry(store, frame.geometry_id, "frame.geometry_id")
     transform = _to_rigid_motion(result.transform_tracker_to_base)
     warnings: list[Finding] = []
     if frame.base_targets is not None:
         drift, warnings = _estimate_drift(geometry.request, result, request, frame.base_targets)
         transform = transform * _to_rigid_motion(drift.transform_after_to_before)
-    return to_resolved(
+    return to_resolved_frame(
         transform, _targets_in_flange(store, frame, request.robot_id, geometry, result)
     ), warnings
 
@@ -478,7 +484,7 @@ def _estimate_drift(
 ) -> tuple[Drift, list[Finding]]:
     """Return the drift of the tracker between a geometry and a set, and findings about it.
 
-    `after` are the base targets as read with the set, in its unit of length.
+    `after` are the base targets read with the set: name → position in the set's unit of length.
 
     Raises:
         MeasurementError: the geometry has no base targets.
@@ -495,7 +501,7 @@ def _estimate_drift(
     places = [r.unloaded for o in request.observations for r in o.readings if r.unloaded is not None]
     # The drift is stated at the middle of the readings, where it matters.
     middle = LENGTH[request.units.length] * np.mean(places, axis=0) if places else read.after.mean(axis=0)
-    drift = read.drift(result.sigma, middle)
+    drift = read.fit_drift(result.sigma, middle)
     warnings = [
         finding.model_copy(
             update={
@@ -504,9 +510,9 @@ def _estimate_drift(
                 "rigidly",
             }
         )
-        if finding.code == "base_drifted"
+        if finding.code == "base_drifted"  # harmless here, as the transform corrects the drift
         else finding
-        for finding in drift_findings(drift, read)
+        for finding in report_drift(drift, read)
     ]
     return drift, warnings
 
@@ -518,8 +524,8 @@ def _targets_in_flange(
 
     Empty if the geometry was not identified for that robot's flange.
     """
-    robot = described(store.robots.get(robot_id))
-    of_nominal = result.flange == "nominal" and geometry.request.robot_id == robot_id
-    if robot.geometry_id != frame.geometry_id and not of_nominal:
+    robot = robot_from_record(store.robots.get(robot_id))
+    is_of_same_nominal_robot = result.flange == "nominal" and geometry.request.robot_id == robot_id
+    if robot.geometry_id != frame.geometry_id and not is_of_same_nominal_robot:
         return {}
     return {target.name: target.position for target in result.targets}

@@ -1,4 +1,4 @@
-"""Deflections by the model of a run: quick, and nothing to store. Load cases come as messages or as CSV."""
+"""Deflections predicted by the model of a run; nothing is stored. Load cases come as messages or as CSV."""
 
 from __future__ import annotations
 
@@ -18,32 +18,41 @@ from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.run import Run, RunResult
 from jointstiff.service.conversion.robots import (
     joint_factors,
-    kinds_of,
+    joint_kinds_by_name,
     refuse_far_point,
-    refuse_other_angles,
+    refuse_wrong_joint_count,
 )
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.service.runs.verdicts import (
     RunModel,
-    judged,
+    assess_with_run,
+    find_beyond_campaign,
+    find_far_points,
+    find_implausible_deflection,
+    find_missing_numbers,
     moment_factor,
-    of_campaign,
-    of_deflection,
-    of_missing,
-    of_points,
 )
-from jointstiff.service.tables.files import csv_text, rows_of
+from jointstiff.service.tables.files import csv_text, split_table_rows
 from jointstiff.service.tables.report import verdict_lines, with_overall_verdict
-from jointstiff.service.tables.table import NO_NUMBER, Chart, Column, Line, Part, Sheet, Table, number
+from jointstiff.service.tables.table import (
+    NO_NUMBER,
+    Chart,
+    Column,
+    Line,
+    Part,
+    Sheet,
+    Table,
+    number_formatter,
+)
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.predict.answers import case_results
+from jointstiff.solver.predict.answers import build_case_results
 from jointstiff.solver.predict.models import EXTRAPOLATED
 
 MAX_CASE_WORK: Final = 150_000
-"""Load cases times joints squared in a request. Each end of an interval takes a matrix of the joints."""
+"""Greatest product of load cases and joints squared in a request: each case takes matrices of n × n."""
 _VECTORS: Final[Mapping[str, tuple[str, Mapping[str, float], str]]] = {
     "force": ("F", FORCE, "force"),
     "moment": ("M", MOMENT, "moment"),
@@ -51,7 +60,7 @@ _VECTORS: Final[Mapping[str, tuple[str, Mapping[str, float], str]]] = {
     "place": ("place ", LENGTH, "length"),
     "direction": ("direction ", {"": 1.0, "1": 1.0}, ""),
 }
-"""Beginning of the headers of a vector, its units, and the name of its unit in a request."""
+"""Field → beginning of its headers, unit → factor to SI, and name of its unit in `units` of a request."""
 _SI: Final = {"length": "m", "angle": "rad", "force": "N", "moment": "N.m"}
 _MILLI: Final = {
     "m": (1e3, "mm"),
@@ -77,7 +86,7 @@ _CSV: Final = {
 
 AnyMessage = TypeVar("AnyMessage", bound=BaseModel)
 _Column = tuple[str, int, float]
-"""Field of a case, place in it, and factor to the units of the message."""
+"""Column of a table: field of a load case, index of the component in the field, and factor to its unit."""
 
 
 def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> DeflectionResult:
@@ -87,38 +96,42 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
         RequestError: the run has no model of joints, or the request does not fit the robot.
     """
     length = LENGTH[request.units.length]
-    used = RunModel.of(robot, run, absolute=request.absolute, masses=request.masses, length=length)
+    run_model = RunModel.from_run(robot, run, absolute=request.absolute, masses=request.masses, length=length)
     cases, confidence = convert_load_cases(request, robot), request.confidence
-    deflections = used.model.deflect(cases)
-    bound = None if used.error is None else used.error.bound(cases, deflections.leverage, confidence)
+    deflections = run_model.model.deflect(cases)
+    bound = (
+        None if run_model.error is None else run_model.error.bound(cases, deflections.leverage, confidence)
+    )
     # Stiffness is reported along the stated direction, or along the force; without either it is NaN.
     vectors = [case.direction or force for case, force in zip(request.cases, cases.force, strict=True)]
     directions: FloatArray = np.array(vectors, dtype=np.float64)
     size = np.linalg.norm(directions, axis=1, keepdims=True)
     directions = np.where(size > 0.0, directions / np.where(size > 0.0, size, 1.0), np.nan)
     labels = [case.label or str(i) for i, case in enumerate(request.cases, 1)]
-    answers = case_results(deflections, bound, directions, confidence, labels, used.result.budget)
+    answers = build_case_results(deflections, bound, directions, confidence, labels, run_model.result.budget)
     return DeflectionResult(
-        joint_kinds=kinds_of(robot),
-        assessment=judged("prediction", _find_reasons(answers, cases, used.result), used.result.assessment),
+        joint_kinds=joint_kinds_by_name(robot),
+        assessment=assess_with_run(
+            "prediction", _find_reasons(answers, cases, run_model.result), run_model.result.assessment
+        ),
         confidence=confidence,
-        model_error_postures=used.postures,
-        remarks=used.remarks(confidence),
+        model_error_postures=run_model.postures,
+        remarks=run_model.remarks(confidence),
         cases=answers,
     )
 
 
 def _find_reasons(answers: Sequence[CaseResult], cases: LoadCases, run: RunResult) -> list[Finding]:
-    """Return the reasons against a prediction itself; the assessment of its run has further ones."""
+    """Return reasons to doubt a prediction, in addition to those in the assessment of its run."""
     lengths = [hypot(*each.displacement) for each in answers if each.displacement is not None]
     bounds = [each.with_model_error for each in answers if each.with_model_error is not None]
     beyond = sum(max(bound.load_ratio, bound.leverage_ratio) > EXTRAPOLATED for bound in bounds)
     points = [*cases.load_point.tolist(), *cases.place.tolist()]
     return [
-        *of_deflection(max(lengths, default=None), run),
-        *of_missing(len(answers) - len(lengths), len(answers), "cases"),
-        *of_points(points),
-        *of_campaign(beyond, len(answers), "cases"),
+        *find_implausible_deflection(max(lengths, default=None), run),
+        *find_missing_numbers(len(answers) - len(lengths), len(answers), "cases"),
+        *find_far_points(points),
+        *find_beyond_campaign(beyond, len(answers), "cases"),
     ]
 
 
@@ -126,8 +139,8 @@ def convert_load_cases(request: DeflectionOptions, robot: Robot) -> LoadCases:
     """Convert the load cases of a request to SI units.
 
     Raises:
-        RequestError: too many cases for the joints, angles for another number of joints, no load point, a
-            point that no tool reaches, or a moment without a unit.
+        RequestError: the cases are too many for the joints, a case has not one position for each joint, a
+            load point is missing, a point is farther than any tool reaches, or a moment has no unit.
     """
     most = MAX_CASE_WORK // robot.n**2
     if len(request.cases) > most:
@@ -143,7 +156,7 @@ def convert_load_cases(request: DeflectionOptions, robot: Robot) -> LoadCases:
     points: list[Vector3] = []
     places: list[Vector3] = []
     for i, case in enumerate(request.cases):
-        refuse_other_angles(robot, case.joints, f"cases[{i}].joints")
+        refuse_wrong_joint_count(robot, case.joints, f"cases[{i}].joints")
         refuse_far_point(case.load_point, f"cases[{i}].load_point", length=length)
         refuse_far_point(case.place, f"cases[{i}].place", length=length)
         point = case.load_point or request.load_point
@@ -180,9 +193,9 @@ def read_load_cases(text: str, joints: Mapping[str, JointKind], **options: Any) 
         options: other fields of the request, in the units that its field `units` states; by default SI.
 
     Raises:
-        RequestError: a header or a cell that cannot be understood, by its line and column, or an option.
+        RequestError: a header, a cell or an option is not valid; the error names its line and column.
     """
-    rows, has_comma_separators = rows_of(text)
+    rows, has_comma_separators = split_table_rows(text)
     if not rows or not any(any(row) for row in rows[1:]):
         raise RequestError(
             "the table has no load cases", where="line 1", remedy="give a header and one row per case"
@@ -190,7 +203,7 @@ def read_load_cases(text: str, joints: Mapping[str, JointKind], **options: Any) 
     stated = options.get("units", {})
     if isinstance(stated, Units):
         stated = stated.model_dump()
-    if isinstance(stated, Mapping):
+    if isinstance(stated, Mapping):  # units that are not stated are SI units
         stated = _SI | {name: unit for name, unit in stated.items() if unit is not None}
     units = _validate_message(Units, stated, "units")
     columns = [_parse_header(header, joints, units) for header in rows[0]]
@@ -210,7 +223,11 @@ def read_load_cases(text: str, joints: Mapping[str, JointKind], **options: Any) 
 
 
 def _validate_message(message: type[AnyMessage], fields: object, *where: str) -> AnyMessage:
-    """Return a message made of fields; raise a RequestError with the first fault, at its place in `where`."""
+    """Return a message built from fields.
+
+    Raises:
+        RequestError: a field is not valid; `where`, the path of the fields, precedes the path of the fault.
+    """
     try:
         return message.model_validate(fields)
     except ValidationError as error:
@@ -220,17 +237,21 @@ def _validate_message(message: type[AnyMessage], fields: object, *where: str) ->
 
 
 def _parse_header(header: str, joints: Mapping[str, JointKind], units: Units) -> _Column:
-    """Return field, component and factor to the request's units, as a header such as `J1 [deg]` says."""
+    """Parse a header such as `J1 [deg]`; return field, index of the component, and factor to `units`.
+
+    Raises:
+        RequestError: the name is unknown, or the unit is missing or does not belong to the field.
+    """
     name, joint_names = header.partition("[")[0].strip(), list(joints)
     if name.lower() == "label":
         return "label", 0, 1.0
-    number = re.fullmatch(r"J(\d+)", name)
-    if name in joint_names or (number and 1 <= int(number[1]) <= len(joints)):
-        place = joint_names.index(name) if name in joint_names else int(number[1]) - 1 if number else 0
+    match = re.fullmatch(r"J(\d+)", name)
+    if name in joint_names or (match and 1 <= int(match[1]) <= len(joints)):
+        place = joint_names.index(name) if name in joint_names else int(match[1]) - 1 if match else 0
         if joints[joint_names[place]] == "prismatic":
-            return "joints", place, unit_factor(header, LENGTH) / LENGTH[units.length]
-        return "joints", place, unit_factor(header, ANGLE) / ANGLE[units.angle]
-    column = vector_column(header, _VECTORS)
+            return "joints", place, parse_unit_factor(header, LENGTH) / LENGTH[units.length]
+        return "joints", place, parse_unit_factor(header, ANGLE) / ANGLE[units.angle]
+    column = parse_vector_header(header, _VECTORS)
     if column is None:
         raise RequestError(
             f"the header '{header}' is not known",
@@ -242,30 +263,32 @@ def _parse_header(header: str, joints: Mapping[str, JointKind], units: Units) ->
     return field, place, factor / factors[getattr(units, quantity, "")]
 
 
-def vector_column(header: str, fields: Sequence[str] | Mapping[str, Any]) -> _Column | None:
-    """Return field, component and factor to SI units of a header such as `Fx [N]`; None for another name.
+def parse_vector_header(header: str, fields: Sequence[str] | Mapping[str, Any]) -> _Column | None:
+    """Parse a header such as `Fx [N]`; return field, index of the component (0 to 2), and factor to SI units.
+
+    None if the name is no component of a vector in `fields`, which are keys of `_VECTORS`.
 
     Raises:
-        RequestError: the header has no unit, or one that the field does not have.
+        RequestError: the unit is missing, or does not belong to the field.
     """
     name = header.partition("[")[0].strip().lower()
     for field in fields:
         prefix, factors, _ = _VECTORS[field]
-        for k, axis in enumerate("xyz"):
+        for component, axis in enumerate("xyz"):
             if name == f"{prefix}{axis}".lower():
-                return field, k, unit_factor(header, factors)
+                return field, component, parse_unit_factor(header, factors)
     return None
 
 
-def unit_factor(header: str, units: Mapping[str, float]) -> float:
+def parse_unit_factor(header: str, units: Mapping[str, float]) -> float:
     """Return the factor to SI units of the unit in a header such as `Fx [N]`.
 
     Args:
-        header: name and unit.
-        units: factor of each unit that the header may have.
+        header: name, with the unit in brackets behind it.
+        units: unit that the header may have → factor to SI.
 
     Raises:
-        RequestError: the header has no unit, or none of these units.
+        RequestError: the header has no unit, or a unit that is not in `units`.
     """
     unit = header.partition("[")[2].strip().removesuffix("]").strip()
     if unit not in units:
@@ -278,7 +301,12 @@ def unit_factor(header: str, units: Mapping[str, float]) -> float:
 
 
 def _refuse_missing_columns(columns: Sequence[_Column], joints: int) -> None:
-    """Refuse a table that lacks a joint's column or a component of a vector, or has one twice."""
+    """Refuse a table in which the column of a joint or of a vector's component is missing or repeated.
+
+    Args:
+        columns: columns of the table.
+        joints: number of joints.
+    """
     present = [(field, k) for field, k, _ in columns]
     # The force is needed; other vectors may be left out, but only as a whole.
     vectors = [field for field in _VECTORS if field == "force" or any(field == each for each, _ in present)]
@@ -295,7 +323,7 @@ def _refuse_missing_columns(columns: Sequence[_Column], joints: int) -> None:
 
 
 def _read_case(row: list[str], columns: list[_Column], line: int, *, decimal_comma: bool) -> dict[str, Any]:
-    """Return the fields of a load case from the cells of a row: vectors as lists, in the request's units."""
+    """Parse a row; return field → value of a load case, vectors as lists in the request's units."""
     if len(row) != len(columns):
         raise RequestError(
             f"{len(row)} cells under {len(columns)} headers",
@@ -303,7 +331,7 @@ def _read_case(row: list[str], columns: list[_Column], line: int, *, decimal_com
             remedy="give a cell for each header",
         )
     case: dict[str, Any] = {}
-    for place, (text, (field, k, factor)) in enumerate(zip(row, columns, strict=True), 1):
+    for number, (text, (field, k, factor)) in enumerate(zip(row, columns, strict=True), 1):
         if field == "label":
             case["label"] = text or None
             continue
@@ -311,7 +339,7 @@ def _read_case(row: list[str], columns: list[_Column], line: int, *, decimal_com
             value = factor * float(text.replace(",", ".") if decimal_comma else text)
         except ValueError:
             raise RequestError(
-                f"'{text[:40]}' is not a number", where=f"line {line}, column {place}", remedy="correct it"
+                f"'{text[:40]}' is not a number", where=f"line {line}, column {number}", remedy="correct it"
             ) from None
         case.setdefault(field, {})[k] = value
     return {
@@ -321,7 +349,7 @@ def _read_case(row: list[str], columns: list[_Column], line: int, *, decimal_com
 
 
 def prediction_parts(result: DeflectionResult) -> list[Part]:
-    """Return predictions for people: the verdict, a row for each case in mm and N/mm, then the remarks."""
+    """Lay out predictions for people: verdict, table with a row for each case (mm, N/mm), and remarks."""
     percent, cases = f"{100 * result.confidence:g} %", result.cases
     along = [case.compliance and case.compliance.along for case in cases]
     bounds = [case.with_model_error and case.with_model_error.radius for case in cases]
@@ -333,12 +361,17 @@ def prediction_parts(result: DeflectionResult) -> list[Part]:
         [
             Column("case", [case.label for case in cases], text=True),
             *components,
-            Column("model error", bounds, number(".3f", 1e3), "mm"),
-            Column("stiffness", [each and each.lateral_free for each in along], number(".0f", 1e-3), "N/mm"),
+            Column("model error", bounds, number_formatter(".3f", 1e3), "mm"),
+            Column(
+                "stiffness",
+                [each and each.lateral_free for each in along],
+                number_formatter(".0f", 1e-3),
+                "N/mm",
+            ),
         ],
-        title="Deflections in R0, with U without model error",
-        caption=f"U of readings, loads and places, and model error, at {percent}; stiffness along the force, "
-        "free to move sideways",
+        title="Deflections in R0; U does not include the model error",
+        caption=f"U: expanded uncertainty from readings, loads and places; U and model error at {percent}; "
+        "stiffness along the force, free to move sideways",
         plain=True,
     )
     remarks = [Line(f"{case.label}: {'; '.join(case.remarks)}") for case in cases if case.remarks]
@@ -346,19 +379,19 @@ def prediction_parts(result: DeflectionResult) -> list[Part]:
 
 
 def _component_with_interval(case: CaseResult, axis: int) -> str:
-    """Return a component of the displacement with the half width of its interval, in mm."""
+    """Return a component of the displacement, with the half-width of its interval, as text in mm."""
     if case.displacement is None:
         return NO_NUMBER
-    half = ""
+    half_width = ""
     if case.readings_only is not None:
         low, high = case.readings_only[axis]
-        half = f" ± {500 * (high - low):.3f}"
-    return f"{1e3 * case.displacement[axis]:.3f}{half}"
+        half_width = f" ± {500 * (high - low):.3f}"  # 500 = 1000 / 2: half of the interval, in mm
+    return f"{1e3 * case.displacement[axis]:.3f}{half_width}"
 
 
 def prediction_sheet(result: DeflectionResult) -> Sheet:
     """Return predictions as a sheet: a row for each load case, and a column with the overall verdict."""
-    return with_overall_verdict(Sheet.of_fields(result.cases, _CSV, _MILLI), result.assessment)
+    return with_overall_verdict(Sheet.from_messages(result.cases, _CSV, _MILLI), result.assessment)
 
 
 def prediction_charts(result: DeflectionResult) -> list[Chart]:

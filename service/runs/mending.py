@@ -1,4 +1,4 @@
-"""Mended campaigns: the action of a reason applied to robot, readings or options."""
+"""Corrected campaigns: an action that an assessment advises, applied to robot, readings or options."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, Observ
 from jointstiff.schemas.robot import JointMap
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.catalogue import find_arm, nominal_robot
-from jointstiff.service.conversion.prepared import prepare_robot, without
+from jointstiff.service.conversion.prepared import leave_out_observations, prepare_robot
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.solver.errors import RequestError
 
@@ -32,7 +32,7 @@ _USUAL_DISTANCE, _USUAL_SIGMA = 0.2, 2e-5
 _LONGEST_NAME: Final = 200
 
 
-def advised(assessment: Assessment, kind: str) -> Action:
+def find_advised_action(assessment: Assessment, kind: str) -> Action:
     """Return the first action of a given kind that an assessment's reasons advise.
 
     Raises:
@@ -43,19 +43,21 @@ def advised(assessment: Assessment, kind: str) -> Action:
     kinds = list(dict.fromkeys(action.kind for action in actions if action.kind != "show_posture"))
     advised_action = next((action for action in actions if action.kind == kind and kind in kinds), None)
     if advised_action is None:
-        remedy = f"give one of: {', '.join(kinds)}" if kinds else "no reason has an action: read the remedies"
+        remedy = (
+            f"give one of: {', '.join(kinds)}" if kinds else "no reason offers an action: read the remedies"
+        )
         raise RequestError(f"the assessment does not advise '{kind}'", where="apply", remedy=remedy)
     return advised_action
 
 
-def mended(campaign: Campaign, action: Action) -> Campaign:
-    """Apply an action to a campaign; return the changed campaign, with the change added to its names.
+def mend_campaign(campaign: Campaign, action: Action) -> Campaign:
+    """Return a campaign after an action; the name of the changed robot or set states the action.
 
-    For `choose_robot` with a robot's id the campaign keeps its own robot: the caller takes the other one from
-    the store.
+    For `choose_robot` with a robot's id the campaign keeps its own robot: the caller reads the chosen robot
+    from the store.
 
     Raises:
-        RequestError: actions of this kind change no campaign, or the set lacks what the action changes.
+        RequestError: actions of this kind change no campaign, or the set lacks data that the action changes.
     """
     measured = campaign.measurement_set
     if action.kind in _OPTION_CHANGES:
@@ -103,7 +105,7 @@ def _change_observations(
 
 
 def _with_refuted_noise(measured: _Set, _action: Action) -> _Set:
-    """Return the set with its noise marked as refuted: kept on record, but sigma is estimated."""
+    """Return the set with its noise marked as refuted: it remains stored, but sigma is estimated."""
     noise = measured.noise or Noise(refuted=True)
     return measured.model_copy(update={"noise": noise.model_copy(update={"refuted": True})})
 
@@ -129,6 +131,7 @@ def _with_target_exchanged(measured: _Set, action: Action) -> _Set:
             where="measurement_set.flange_targets",
             remedy="check the load point, and correct it in the set",
         )
+    # Observations without a load point of their own use the load point of the set.
     point_of_set = measured.load_point or (0.0, 0.0, 0.0)
     load, *others = dict.fromkeys(each.load_point or point_of_set for each in measured.observations)
     if others:
@@ -170,10 +173,10 @@ def _with_readings_exchanged(measured: _Set, _action: Action) -> _Set:
 
 
 def _with_units(measured: _Set, action: Action) -> _Set:
-    """Return the set with another unit declared: the numbers stay, so their sizes change.
+    """Return the set with the action's unit declared; the readings keep their numbers.
 
-    Load points, places of targets and the noise are often stated by hand, and right in the old unit: they are
-    converted to the new unit where the old size is nearer to a usual one.
+    Load points, places of targets and the noise are often typed by hand in the right unit. Where such a
+    length is more usual in the old unit, it is converted, so that the length itself stays the same.
     """
     units, unit = measured.units, action.unit
     if unit in {"deg", "rad"}:
@@ -190,7 +193,10 @@ def _with_units(measured: _Set, action: Action) -> _Set:
 
 
 def _with_lengths(measured: _Set, old: float, new: float) -> _Set:
-    """Convert lengths that are more usual in the old unit than in the new one; `old` and `new` in metres."""
+    """Return the set with those lengths converted that are more usual in the old unit than in the new one.
+
+    `old` and `new` are the sizes of the two units in metres.
+    """
 
     def conversion_factor(number: float, usual: float) -> float:
         """Return old / new for a number that is nearer to a usual size [m] in the old unit, else 1."""
@@ -232,11 +238,11 @@ def _with_lengths(measured: _Set, old: float, new: float) -> _Set:
 
 _SET_CHANGES: Final[Mapping[str, Callable[[_Set, Action], _Set]]] = {
     "leave_out_readings": lambda measured, action: measured.model_copy(
-        update={"observations": without(measured.observations, action.observations)}
+        update={"observations": leave_out_observations(measured.observations, action.observations)}
     ),
     "omit_noise": _with_refuted_noise,
     "exchange_load_and_target": _with_target_exchanged,
     "exchange_readings": _with_readings_exchanged,
     "convert_units": _with_units,
 }
-"""Functions that return a measurement set after an action, by the action's kind."""
+"""Kind of an action → function that returns a measurement set after this action."""

@@ -1,4 +1,4 @@
-"""Trends: comparable runs of a robot over time, and whether the latest differs from the first."""
+"""Trends: comparable runs of a robot over time, and the change from the first to the latest."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from jointstiff.schemas.options import Method, Weighting
 from jointstiff.schemas.robot import ChangedJoint, Estimate, LastCampaign
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.problems import StoreUnavailableError
-from jointstiff.service.resources.stored import described
+from jointstiff.service.resources.stored import robot_from_record
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import MeasurementSetEntry, RobotEntry
 from jointstiff.solver.comparison.campaigns import CHANGED_LEVEL, Change, log_stiffness
@@ -75,12 +75,12 @@ class _Budget(_Part):
     joints: list[str]
     components: list[_Component]
 
-    def included_in(self, joint: str) -> dict[str, float]:
-        """Return the contributions to a joint's standard uncertainty by source; empty without a number."""
+    def contributions_to(self, joint: str) -> dict[str, float]:
+        """Return source → contribution to a joint's standard uncertainty; empty for an unknown joint."""
         if joint not in self.joints:
             return {}
-        place = self.joints.index(joint)
-        return {part.source: part.contributions[place] for part in self.components if part.included}
+        index = self.joints.index(joint)
+        return {part.source: part.contributions[index] for part in self.components if part.included}
 
 
 class _Numbers(_Part):
@@ -91,14 +91,14 @@ class _Numbers(_Part):
 
 
 class ReadRun(_Part):
-    """Part of a run that a trend reads, as the run's row keeps it."""
+    """Part of a run that a trend reads, as stored in the run's row."""
 
     request: _Options = _Options()
     result: _Numbers
 
 
-def numbers_of_trend(run: Run) -> str | None:
-    """Return as JSON the part of a run that a trend reads; None if the run has no result."""
+def extract_trend_json(run: Run) -> str | None:
+    """Return the part of a run that a trend reads, as JSON; None if the run has no result."""
     if run.result is None:
         return None
     return ReadRun.model_validate(run).model_dump_json(exclude_defaults=True)
@@ -106,7 +106,7 @@ def numbers_of_trend(run: Run) -> str | None:
 
 @dataclass(frozen=True)
 class Campaign:
-    """A run, and the measurement set that it identified the robot from."""
+    """A run, and the measurement set from which the run identified the robot."""
 
     run_id: str
     created_at: datetime  # when the run was posted
@@ -120,13 +120,13 @@ class Campaign:
 
     @cached_property
     def joints(self) -> Mapping[str, _Joint]:
-        """Results of the run by the joints' names."""
+        """Joint's name → result of the run for this joint."""
         return {joint.name: joint for joint in self.run.result.joints}
 
     def sources(self, joint: str) -> dict[str, float]:
-        """Return contributions to the uncertainty of a joint's compliance by source; empty if unknown."""
+        """Return source → contribution to the uncertainty of a joint's compliance; empty if unknown."""
         budget = self.run.result.budget
-        return {} if budget is None else budget.included_in(joint)
+        return {} if budget is None else budget.contributions_to(joint)
 
     @property
     def selection(self) -> messages.TrendSelection:
@@ -150,8 +150,9 @@ def compare_campaigns(names: Sequence[str], campaigns: Sequence[Campaign]) -> di
         campaigns: comparable campaigns, oldest first.
     """
     changes = {name: _estimate_change(campaigns, name) for name in names}
-    tests = sum(1 for change in changes.values() if change is not None)
-    joints = [_summarise_joint(campaigns, name, changes[name], tests) for name in names]
+    # The more joints are tested, the stricter each test has to be.
+    tested = sum(1 for change in changes.values() if change is not None)
+    joints = [_summarise_joint(campaigns, name, changes[name], tested) for name in names]
     return {
         "campaigns": [
             messages.TrendCampaign(
@@ -171,20 +172,24 @@ def compare_campaigns(names: Sequence[str], campaigns: Sequence[Campaign]) -> di
 
 
 def _estimate_change(campaigns: Sequence[Campaign], name: str) -> Change | None:
-    """Return the change of a joint from the first to the latest campaign with a number; None without two."""
+    """Return the change of a joint's stiffness from the first to the latest campaign that determines it.
+
+    None if fewer than two campaigns determine the stiffness.
+    """
     known = [one for one in campaigns if _comparable_log_stiffness(one, name) is not None]
     if len(known) < 2:
         return None
     pair = known[0], known[-1]
     instruments = {one.measured.instrument for one in pair}
+    # A budget with a single source says nothing about the load point and the load cell.
     budgets = [sources for one in pair if len(sources := one.sources(name)) > 1]
     first, last = (
         _comparable_log_stiffness(
             one,
             name,
             same_load_cell=len(instruments) == 1 and None not in instruments,
-            # A load point that neither campaign states is that of the same hook, and the load cell's
-            # scale that of the same cell.
+            # If neither campaign states its load point, both are taken to use the same hook; if neither
+            # states the scale of its load cell, both are taken to use the same cell.
             same_hook=all(budget.get("assumed_load_point", 0.0) > 0.0 for budget in budgets),
             assumed_cell=all(budget.get("assumed_force_scale", 0.0) > 0.0 for budget in budgets),
         )
@@ -196,11 +201,11 @@ def _estimate_change(campaigns: Sequence[Campaign], name: str) -> Change | None:
 
 
 def _fewest_degrees_of_freedom(campaign: Campaign) -> float:
-    """Return the fewest degrees of freedom of the budget's included components; inf if none states any."""
+    """Return the fewest degrees of freedom of the budget's included components; inf if none has a number."""
     budget = campaign.run.result.budget
     components = () if budget is None else budget.components
-    fewest = (part.degrees_of_freedom for part in components if part.included)
-    return min((each for each in fewest if each is not None), default=inf)
+    degrees = (part.degrees_of_freedom for part in components if part.included)
+    return min((each for each in degrees if each is not None), default=inf)
 
 
 def _comparable_log_stiffness(
@@ -211,9 +216,10 @@ def _comparable_log_stiffness(
     same_hook: bool = False,
     assumed_cell: bool = False,
 ) -> tuple[float, float] | None:
-    """Return ln k of a joint and its standard uncertainty, without errors that both campaigns share.
+    """Return ln k of a joint's stiffness k, and the standard uncertainty of ln k.
 
-    The flags say which sources of error are shared. None for a joint without a stiffness to compare.
+    Errors that the flags declare the same in both compared campaigns are left out of the uncertainty. None
+    if the joint has no stiffness to compare.
     """
     joint = campaign.joints.get(name)
     if joint is None or joint.status != "identified" or joint.verdict == "do_not_use":
@@ -228,24 +234,24 @@ def _comparable_log_stiffness(
 
 
 def _summarise_joint(
-    campaigns: Sequence[Campaign], name: str, change: Change | None, tests: int
+    campaigns: Sequence[Campaign], name: str, change: Change | None, tested: int
 ) -> messages.TrendJoint:
-    """Return a joint's points and its change; `tests` is the number of joints that are tested."""
+    """Return a joint's points and its change; `tested` is the number of joints tested for a change."""
     return messages.TrendJoint(
         name=name,
         kind=next((one.joints[name].kind for one in campaigns if name in one.joints), "revolute"),
         points=[_summarise_point(campaign, name) for campaign in campaigns],
         change=None if change is None else _relative_change(change),
         p_value=None if change is None else change.p_value,
-        changed=change is not None and change.is_significant(tests),
+        changed=change is not None and change.is_significant(tested),
     )
 
 
 def _summarise_point(campaign: Campaign, name: str) -> messages.TrendPoint:
-    """Return the stiffness of a joint in a campaign, with the reason if it cannot be compared."""
+    """Return the stiffness of a joint in a campaign, with the reason if the stiffness cannot be compared."""
     joint = campaign.joints.get(name)
     if joint is None:
-        return messages.TrendPoint(reason="the run has no such joint")
+        return messages.TrendPoint(reason="the run has no joint of this name")
     reason = None if _comparable_log_stiffness(campaign, name) else _OPEN_INTERVAL
     if joint.status != "identified":
         reason = joint.reason or f"the joint is {joint.status.replace('_', ' ')}"
@@ -255,22 +261,23 @@ def _summarise_point(campaign: Campaign, name: str) -> messages.TrendPoint:
 
 
 def _relative_change(change: Change) -> Estimate:
+    """Return the change as a share of the first stiffness, with its standard uncertainty."""
     return Estimate(value=change.relative, standard_uncertainty=change.relative_uncertainty)
 
 
 def _write_note(campaigns: Sequence[Campaign], joints: Sequence[messages.TrendJoint]) -> str | None:
-    """Return a remark: that campaigns are too few, or that joints changed alike, as by a wrong force."""
+    """Return a remark on too few campaigns, or on most joints changing in one direction; None otherwise."""
     if not campaigns:
         return "no campaign: identify measurement sets of this robot by the same method"
     if len(campaigns) == 1:
         return "only one campaign: a second one is needed to compare"
     signs = [joint.change.value > 0.0 for joint in joints if joint.changed and joint.change is not None]
-    # Joints seldom soften together: a change of most of them in one direction points to the load.
+    # Joints seldom soften together: if most of them changed in one direction, the load is probably wrong.
     alike = max(signs.count(True), signs.count(False))
     if alike > 2 and 2 * alike > len(joints):
         return (
-            f"{alike} of {len(joints)} joints changed in one direction, as by an error of the force: check "
-            "the load of the first and of the latest campaign"
+            f"{alike} of {len(joints)} joints changed in one direction, which suggests an error of the "
+            "force: check the load of the first and of the latest campaign"
         )
     return None
 
@@ -278,51 +285,52 @@ def _write_note(campaigns: Sequence[Campaign], joints: Sequence[messages.TrendJo
 def group_by_selection(
     runs: Iterable[Sequence[Campaign]],
 ) -> dict[messages.TrendSelection, list[Campaign]]:
-    """Group campaigns by their runs' options; return the campaigns of each selection.
+    """Group campaigns by serial number and options; return selection → campaigns.
 
     Args:
-        runs: runs of each set, newest first; of runs of a set with equal options the newest one counts.
+        runs: for each measurement set its runs, newest first. If several runs of a set have the same
+            options, only the newest of them is used.
     """
-    found: dict[messages.TrendSelection, list[Campaign]] = {}
-    for candidates in runs:
-        of_set: dict[messages.TrendSelection, Campaign] = {}
-        for one in candidates:
+    groups: dict[messages.TrendSelection, list[Campaign]] = {}
+    for runs_of_set in runs:
+        newest_of_set: dict[messages.TrendSelection, Campaign] = {}
+        for one in runs_of_set:
             if _reason_not_charted(one) is None:
-                of_set.setdefault(one.selection, one)
-        for selection, one in of_set.items():
-            found.setdefault(selection, []).append(one)
-    return found
+                newest_of_set.setdefault(one.selection, one)
+        for selection, one in newest_of_set.items():
+            groups.setdefault(selection, []).append(one)
+    return groups
 
 
 def choose_selection(
     runs: Iterable[Sequence[Campaign]], query: messages.TrendQuery
 ) -> messages.TrendSelection | None:
-    """Return the serial number of the newest campaign, and the options that most of its campaigns share.
+    """Choose the trend to show: the newest campaign's serial number, and the options with most campaigns.
 
-    Only selections that match the query count; None if there are none. A single run with other options
-    therefore does not end a trend.
+    Return the selection; None if no selection matches the query. Counting campaigns keeps a single run with
+    other options from ending a trend.
     """
     filters = query.model_dump(exclude_none=True)
-    fitting = {
+    matching = {
         selection: campaigns
         for selection, campaigns in group_by_selection(runs).items()
         if filters.items() <= selection.model_dump().items()
     }
-    newest = {selection: max(map(_time_order, campaigns)) for selection, campaigns in fitting.items()}
-    if not fitting:
+    newest = {selection: max(map(_time_order, campaigns)) for selection, campaigns in matching.items()}
+    if not matching:
         return None
-    serial_number = max(fitting, key=lambda each: newest[each]).serial_number
-    of_arm = [each for each in fitting if each.serial_number == serial_number]
-    return max(of_arm, key=lambda each: (len(fitting[each]), newest[each]))
+    serial_number = max(matching, key=lambda each: newest[each]).serial_number
+    same_serial = [each for each in matching if each.serial_number == serial_number]
+    return max(same_serial, key=lambda each: (len(matching[each]), newest[each]))
 
 
 def _time_order(campaign: Campaign) -> tuple[datetime, datetime]:
-    """Return a key by which campaigns are sorted: time of measurement, then time of the run."""
+    """Return the key for sorting campaigns: time of measurement, then time of the run."""
     return campaign.at, campaign.created_at
 
 
 def _reason_not_charted(candidate: Campaign) -> str | None:
-    """Return why a run may not be part of any trend; None if it may."""
+    """Return why a run may not be part of any trend; None if the run may be part of one."""
     request, result = candidate.run.request, candidate.run.result
     verdict = result.assessment
     if verdict.verdict == "do_not_use":
@@ -347,13 +355,19 @@ def split_by_comparability(
     runs: Mapping[str, Sequence[Campaign]],
     selection: messages.TrendSelection | None,
 ) -> tuple[list[Campaign], list[messages.LeftOut]]:
-    """Return the campaigns of a trend, oldest first, and the sets left out, with the reasons."""
+    """Return the campaigns that belong to a trend, oldest first, and the other sets, each with the reason.
+
+    Args:
+        sets: measurement sets of the robot.
+        runs: set's id → campaigns made of this set, newest first.
+        selection: serial number and options of the trend; None if no run matches the query.
+    """
     entering, left_out = [], []
     for measured in sets:
         candidates = runs.get(measured.id, ())
-        fitting = [run for run in candidates if _reason_not_comparable(run, selection) is None]
-        if fitting:
-            entering.append(fitting[0])
+        comparable = [run for run in candidates if _reason_not_comparable(run, selection) is None]
+        if comparable:
+            entering.append(comparable[0])
         else:
             reason = (
                 _reason_not_comparable(candidates[0], selection)
@@ -368,15 +382,16 @@ def split_by_comparability(
 
 
 def _reason_not_comparable(candidate: Campaign, selection: messages.TrendSelection | None) -> str | None:
-    """Return why a run does not belong to the trend of a selection; None if it does."""
+    """Return why a run does not belong to the trend of a selection; None if the run belongs to the trend."""
     if (unfit := _reason_not_charted(candidate)) is not None or selection is None:
-        return unfit or "no run of it matches the query"
-    own, wanted = candidate.selection.model_dump(), selection.model_dump()
-    differing = [name for name in wanted if own[name] != wanted[name]]
+        return unfit or "no run of this set matches the query"
+    own, required = candidate.selection.model_dump(), selection.model_dump()
+    differing = [name for name in required if own[name] != required[name]]
     return ", ".join(f"{name.replace('_', ' ')}: {_show_value(own[name])}" for name in differing) or None
 
 
 def _show_value(value: object) -> str:
+    """Return the value of an option in words."""
     if value is None:
         return "not stated"
     return ("yes" if value else "no") if isinstance(value, bool) else str(value).replace("_", " ")
@@ -387,7 +402,7 @@ class Trends:
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        # a run never changes once it has ended
+        # Parsed runs are cached: a run never changes once it has ended.
         self._read_run = lru_cache(_REMEMBERED)(ReadRun.model_validate_json)
 
     def trend(self, robot_id: str, query: messages.TrendQuery) -> messages.Trend:
@@ -396,8 +411,8 @@ class Trends:
         Raises:
             NotFoundError: there is no such robot.
         """
-        names = [joint.name for joint in described(self._store.robots.get(robot_id)).joints]
-        sets = self._store.sets_of(robot_id)
+        names = [joint.name for joint in robot_from_record(self._store.robots.get(robot_id)).joints]
+        sets = self._store.sets_of_robot(robot_id)
         runs = self._runs_by_set(robot_id, sets)
         selection = choose_selection(runs.values(), query)
         entering, left_out = split_by_comparability(sets, runs, selection)
@@ -412,24 +427,26 @@ class Trends:
     def last_campaign(self, entry: RobotEntry) -> LastCampaign | None:
         """Return the latest campaign of a robot and the joints that changed; None without a campaign.
 
-        The robot's row keeps this summary. If runs or sets changed since it was written, it is made anew.
+        This summary is cached in the robot's row, and renewed if runs or sets changed since it was written.
         """
         if entry.is_current:
             return None if entry.campaign is None else LastCampaign.model_validate(entry.campaign)
         found = self._summarise_last_campaign(entry.id)
         # If the database cannot be written now, the summary is made again next time.
         with suppress(StoreUnavailableError):
-            self._store.robots.derive(entry, None if found is None else found.model_dump(mode="json"))
+            self._store.robots.store_last_campaign(
+                entry, None if found is None else found.model_dump(mode="json")
+            )
         return found
 
-    def derive_due(self, most: int) -> None:
+    def renew_outdated_summaries(self, most: int) -> None:
         """Renew the outdated summaries of at most `most` robots, so that listing the robots is fast."""
-        for entry in self._store.robots.due(most):
+        for entry in self._store.robots.list_outdated(most):
             self.last_campaign(entry)
 
     def _summarise_last_campaign(self, robot_id: str) -> LastCampaign | None:
-        """Return the newest run of a robot, and the joints that changed in any trend; None without runs."""
-        sets = self._store.sets_of(robot_id)
+        """Return a robot's newest run with the joints that changed in any trend; None without runs."""
+        sets = self._store.sets_of_robot(robot_id)
         runs = self._runs_by_set(robot_id, sets)
         if not runs:
             return None
@@ -449,12 +466,12 @@ class Trends:
         runs: Mapping[str, Sequence[Campaign]],
         newest: str | None,
     ) -> list[ChangedJoint]:
-        """Return the joints that changed in any trend of the robot, each once for each serial number.
+        """Return the joints that changed in any trend of the robot, at most once for each serial number.
 
-        Joints of the serial number `newest` come first. If a joint changed in several trends, the change is
-        that of the trend with most campaigns.
+        Joints of the serial number `newest` come first. If a joint changed in several trends, its change in
+        the trend with most campaigns is returned.
         """
-        names = [joint.name for joint in described(self._store.robots.get(robot_id)).joints]
+        names = [joint.name for joint in robot_from_record(self._store.robots.get(robot_id)).joints]
         found: dict[tuple[str | None, str], ChangedJoint] = {}
         by_options = group_by_selection(runs.values())
         for selection in sorted(by_options, key=lambda each: len(by_options[each]), reverse=True):
@@ -471,7 +488,7 @@ class Trends:
         )
 
     def _runs_by_set(self, robot_id: str, sets: Iterable[MeasurementSetEntry]) -> dict[str, list[Campaign]]:
-        """Return the runs with a result, newest first, by the id of their measurement set."""
+        """Return measurement set's id → campaigns made of this set that have a result, newest first."""
         known = {one.id: one for one in sets}
         candidates: dict[str, list[Campaign]] = {}
         for entry in self._store.runs_with_numbers(robot_id, _MOST_RUNS):

@@ -1,8 +1,8 @@
 """Access: the requester, by a key or by the session of a browser; the role that each route needs; the audit.
 
-Each route declares a role. The requester is found before anything of the body is read; the route that was
-found decides whether the role is enough. What no route answers needs a key as well, but for the files of the
-page.
+Each route declares the role that it needs. The requester is found before the body is read; then the route
+checks the role of the requester's key. A request that no route answers needs a key, too, unless it is for a
+file of the page.
 """
 
 from __future__ import annotations
@@ -30,38 +30,38 @@ from starlette.types import Message, Receive, Scope, Send
 
 from jointstiff.schemas.access import Access, Role
 from jointstiff.service.problems import KeyRefusedError, RoleError, StoreError, WrongKeysError
-from jointstiff.service.security.keys import Keyring, digest, mint_token, without_keys
+from jointstiff.service.security.keys import Keyring, digest, hide_secrets, mint_token
 from jointstiff.service.store.access import MINUTE
 from jointstiff.service.store.store import SESSION_LONGEST, Store
 from jointstiff.service.store.tables import AccessKey, AuditEntry, SessionRecord
 from jointstiff.solver.errors import RequestError
 
 ROLES: Final[tuple[Role, ...]] = ("viewer", "operator", "admin")
-"""Roles from the least to the greatest: a role may do all that the roles before it may."""
+"""Roles in order of increasing rights: each role includes the rights of the roles before it."""
 ANONYMOUS_ENTRIES: Final = 60
-"""Entries of the audit a minute about requests without a valid key: such requests cannot fill the disk."""
+"""Most entries of the audit per minute for requests without a valid key, which must not fill the disk."""
 _LONGEST_PATH: Final = 200
 _LONGEST_ADDRESS: Final = 64
 _LONGEST_METHOD: Final = 16
 REQUESTER: Final = "jointstiff.requester"
-"""The requester, in the scope of a request; set by the process that forwards the request."""
+"""Key of the requester in the scope of a request; set by the process that forwards the request."""
 _REMEDY: Final = (
     "send the header `Authorization: Bearer KEY`, or sign in on the page; create keys with `jointstiff keys "
     "create`"
 )
 SLOW_SECONDS: Final = 1.0
-"""Time that each further wrong key of an address takes."""
+"""Delay of the answer to a wrong key after `FORGIVEN` wrong keys of a network [s]."""
 MOST_SLOW: Final = 64
-"""Wrong keys that wait at once; others are answered without waiting."""
+"""Most answers that are delayed at the same time; further answers are not delayed."""
 FORGIVEN: Final = 10
-"""Wrong keys of a network that are answered at once."""
+"""Number of wrong keys of a network that are answered without delay."""
 _TOKEN: Final = re.compile(r"jss_[A-Za-z0-9]{43}", re.ASCII)
 
 _logger = logging.getLogger(__name__)
 
 
 class UndeclaredRoleError(TypeError):
-    """A route does not say who may use it; the application is not composed."""
+    """A route does not declare the role that it needs; the application does not start."""
 
 
 _BEARER: Final = HTTPBearer(
@@ -73,7 +73,7 @@ _BEARER: Final = HTTPBearer(
 
 
 def _require_role(role: Role) -> params.Security:
-    """Return the dependency by which a route declares the role that it needs."""
+    """Return the dependency that declares that a route needs a role."""
     return params.Security(_BEARER, scopes=[role])
 
 
@@ -94,7 +94,7 @@ _DECLARATIONS: Final = (VIEWER, OPERATOR, ADMIN, PUBLIC)
 
 @dataclass
 class Requester:
-    """The requester of a request: its key and address."""
+    """The sender of a request: key and address."""
 
     key: AccessKey | None  # valid key of the request; None without one
     is_open: bool  # whether no key is demanded
@@ -102,11 +102,11 @@ class Requester:
     operation: str | None = None  # name of the API operation that answers it
 
     def require(self, role: Role | None) -> None:
-        """Refuse the request if its key lacks a role; None as the role admits everyone.
+        """Refuse the request if its key does not include the rights of `role`; None admits everyone.
 
         Raises:
             KeyRefusedError: the request has no key.
-            RoleError: the key's role is lower; or an admin is needed, but the service requires no keys.
+            RoleError: the key's role has fewer rights; or `role` is admin, and the service requires no keys.
         """
         if role is None or (self.is_open and role != "admin"):
             return
@@ -125,13 +125,13 @@ class Requester:
 
 
 def requester_of(connection: HTTPConnection) -> Requester:
-    """Return the requester that was recognised when the request arrived."""
+    """Return the requester of a connection, who was identified when the request arrived."""
     requester: Requester = connection.scope[REQUESTER]
     return requester
 
 
 async def _key_of_requester(connection: HTTPConnection) -> AccessKey | None:
-    """Return the key of a request; None without one."""
+    """Return the key of a request; None without a key."""
     return requester_of(connection).key
 
 
@@ -165,7 +165,7 @@ def role_of(route: APIRoute) -> Role | None:
     Raises:
         UndeclaredRoleError: the route declares no role, or several.
     """
-    # Compared by identity: these four objects are the only declarations of a role.
+    # Dependencies are compared by identity: these four objects are the only declarations of a role.
     declared = [each for each in route.dependencies if any(each is known for known in _DECLARATIONS)]
     if len(declared) != 1:
         raise UndeclaredRoleError(
@@ -179,13 +179,13 @@ def role_of(route: APIRoute) -> Role | None:
 
 
 def operation_id(route: APIRoute) -> str:
-    """Return the name of an operation for generated clients, such as `createRun`."""
+    """Return the operation's name in camel case for generated clients: `createRun` for `create_run`."""
     first, *others = route.name.split("_")
     return first + "".join(word.capitalize() for word in others)
 
 
 def public_paths(routes: Iterable[BaseRoute]) -> tuple[frozenset[str], tuple[str, ...]]:
-    """Return the paths that need no key, and the prefixes of folders of files that need none.
+    """Return the paths of routes that need no key, and the prefixes of paths of public files.
 
     Raises:
         UndeclaredRoleError: a route declares no role, or is not an `AccessRoute`, which checks the role.
@@ -199,7 +199,7 @@ def public_paths(routes: Iterable[BaseRoute]) -> tuple[frozenset[str], tuple[str
         elif isinstance(route, Mount) and isinstance(route.app, StaticFiles):
             mounts.append(f"{route.path}/")
         else:
-            raise UndeclaredRoleError(f"{context.path} must be an AccessRoute, which asks for a role")
+            raise UndeclaredRoleError(f"{context.path} must be an AccessRoute, which checks the role")
     return frozenset(paths), tuple(mounts)
 
 
@@ -213,7 +213,7 @@ class SignedIn:
 
 
 class Gate:
-    """Finds the key of each request, and begins and ends sessions. It belongs to one event loop."""
+    """Check of the keys of requests, and sessions of browsers. A gate belongs to one event loop."""
 
     def __init__(
         self, store: Store, keyring: Keyring, look: Callable[[], Awaitable[object]], access: Access
@@ -223,8 +223,8 @@ class Gate:
         Args:
             store: store of the service's keys and sessions.
             keyring: keys that open the service.
-            look: waits for a recent look at the database and the keyring; raises a `StoreError` if it failed.
-            access: callers that the service answers.
+            look: waits until the keys have been read recently; raises a `StoreError` if reading failed.
+            access: kind of callers that the service answers.
         """
         self.access = access
         self.keyring = keyring
@@ -243,17 +243,17 @@ class Gate:
         return self.access != "keys"
 
     async def awaits_key(self) -> bool:
-        """Return whether the service has no valid key: someone has to create one first."""
+        """Return whether the service has no valid key, so that an operator has to create the first key."""
         if not self.keyring.has_keys():
-            with suppress(StoreError):  # then the keys of the last look count
+            with suppress(StoreError):  # then the keys that were read last are used
                 await self._look()
         return not self.keyring.has_keys()
 
-    async def caller(self, connection: HTTPConnection, address: str) -> AccessKey | None:
-        """Return the key of a request, sent as a bearer token or by a session; None without a valid session.
+    async def find_key(self, connection: HTTPConnection, address: str) -> AccessKey | None:
+        """Return the key of a request, from its bearer token or its session; None if it has neither.
 
         Raises:
-            KeyRefusedError: the key that was sent does not open the service.
+            KeyRefusedError: the bearer token is not a valid key of the service.
             StoreError: the database does not answer.
         """
         scheme, _, text = connection.headers.get("authorization", "").partition(" ")
@@ -263,11 +263,11 @@ class Gate:
         else:
             key, _ = await self.session(connection)
         if key is not None and not self.keyring.is_filed(key.id):
-            self._note_use(key.id, key.last_used_at, self._store.keys.used)
+            self._note_use(key.id, key.last_used_at, self._store.keys.mark_used)
         return key
 
     async def still_opens(self, connection: HTTPConnection, key: AccessKey | None) -> bool:
-        """Return whether a long answer may go on: its key is still valid, and its session has not ended.
+        """Return whether a long answer to `key` may continue: key still valid, session not ended.
 
         Raises:
             StoreError: the database does not answer.
@@ -286,7 +286,7 @@ class Gate:
         )
 
     async def session(self, connection: HTTPConnection) -> tuple[AccessKey | None, datetime | None]:
-        """Return the key of a browser's session and the time of its end; (None, None) without a session."""
+        """Return the key of a browser's session and the session's end; (None, None) without a session."""
         token = connection.cookies.get(cookie_name(connection), "")
         if not _TOKEN.fullmatch(token):
             return None, None
@@ -298,7 +298,7 @@ class Gate:
         key = None if session is None else self.keyring.find(session.key_id)
         if session is None or key is None:
             return None, None
-        self._note_use(hashed, session.used_at, self._store.sessions.used)
+        self._note_use(hashed, session.used_at, self._store.sessions.mark_used)
         return key, session.created_at + SESSION_LONGEST
 
     async def sign_in(self, key: str | None, link: str | None, address: str) -> SignedIn:
@@ -330,10 +330,12 @@ class Gate:
             await run_sync(self._store.sessions.end, digest(token), limiter=self._database_slots)
 
     async def _check_key(self, text: str, address: str) -> AccessKey:
-        """Return the key with a secret text; count a wrong one, and refuse slowly if an address sends many.
+        """Return the key with a secret text.
+
+        A wrong key is counted; after many wrong keys of a network the refusal is delayed.
 
         Raises:
-            KeyRefusedError: the key does not open the service.
+            KeyRefusedError: the text is not a valid key of the service.
             WrongKeysError: the network of the address has sent too many wrong keys.
         """
         try:
@@ -345,7 +347,7 @@ class Gate:
         raise WrongKeysError
 
     async def _redeem_link(self, link: str | None, address: str) -> AccessKey:
-        """Return the key of a one-time link, which is used up; count a wrong link like a wrong key.
+        """Return the key of a one-time link, which becomes invalid; count a wrong link like a wrong key.
 
         Raises:
             KeyRefusedError: the link was used before, is too old, or its key is not valid any more.
@@ -367,12 +369,12 @@ class Gate:
         )
 
     async def _count_wrong_key(self, address: str) -> bool:
-        """Count a wrong key of an address's network, for all services; return whether there are too many."""
+        """Count a wrong key of the address's network in the store; return whether there are too many."""
         count = self._store.wrong_keys.count
         return await run_sync(count, network_of(address), limiter=self._counting_slot) > FORGIVEN
 
     async def _delay_answer(self) -> None:
-        """Wait `SLOW_SECONDS`, unless `MOST_SLOW` answers wait already."""
+        """Wait `SLOW_SECONDS` before an answer, unless `MOST_SLOW` answers are being delayed already."""
         if self._delayed_answers >= MOST_SLOW:
             return
         self._delayed_answers += 1
@@ -384,7 +386,13 @@ class Gate:
     def _note_use(
         self, name: str, last_used_at: datetime | None, write: Callable[[str, datetime], object]
     ) -> None:
-        """Write in the background that a key or session (`name`) is used, at most once a minute."""
+        """Store in the background that a key or session is in use, at most once a minute.
+
+        Args:
+            name: id of the key, or hash of the session's token.
+            last_used_at: time of the last use in the store.
+            write: function that stores the time of a use.
+        """
         now = datetime.now(UTC)
         last = self._last_noted.get(name, last_used_at)
         if last is not None and now - last < MINUTE:
@@ -392,25 +400,29 @@ class Gate:
         self._last_noted = {one: at for one, at in self._last_noted.items() if now - at < MINUTE} | {
             name: now
         }
-        task = asyncio.get_running_loop().create_task(self._write_use(write, name, now))
+        task = asyncio.get_running_loop().create_task(self._store_last_use(write, name, now))
         self._note_tasks.add(task)
         task.add_done_callback(self._note_tasks.discard)
 
-    async def _write_use(self, write: Callable[[str, datetime], Any], name: str, now: datetime) -> None:
+    async def _store_last_use(self, write: Callable[[str, datetime], Any], name: str, now: datetime) -> None:
+        """Store that a key or session was used; if that fails, forget it, so that a later use is stored."""
         try:
             await run_sync(write, name, now, limiter=self._database_slots)
         except (StoreError, asyncio.CancelledError):
-            self._last_noted.pop(name, None)  # a later use is noted instead
+            self._last_noted.pop(name, None)
 
 
 def cookie_name(connection: HTTPConnection) -> str:
-    """Return the cookie's name, with the port: browsers share cookies among all ports of a machine."""
+    """Return the session cookie's name, which has the port: browsers send a cookie to all ports of a host."""
     port = connection.headers.get("host", "").rpartition(":")[2]
     return f"jointstiff_{port}" if port.isascii() and port.isdecimal() else "jointstiff"
 
 
 def network_of(address: str) -> str:
-    """Return an IPv4 address, or the /64 network of an IPv6 address: one machine may have 2^64 of those."""
+    """Return the network of an address, for which wrong keys are counted: IPv4 as given, of IPv6 the /64.
+
+    One machine may have all 2^64 addresses of a /64 network.
+    """
     try:
         parsed = ipaddress.ip_address(address)
     except ValueError:
@@ -419,7 +431,7 @@ def network_of(address: str) -> str:
 
 
 class Audit:
-    """Writes the audit: an entry is stored before the client hears of the outcome."""
+    """Audit of requests: an entry is stored before the client gets the answer."""
 
     def __init__(self, store: Store) -> None:
         """Write the audit to a store."""
@@ -435,6 +447,7 @@ class Audit:
         written = False
 
         async def write_then_send(message: Message) -> None:
+            """Write the entry before the first message of the answer; then send the message."""
             nonlocal written
             if message["type"] == "http.response.start" and not written:
                 written = True
@@ -444,11 +457,11 @@ class Audit:
         try:
             await answer(write_then_send)
         finally:
-            if not written:  # it failed, and another handler answers; or the client left
+            if not written:  # answering failed, or the client disconnected
                 await self._write(requester, scope, 500)
 
     async def _write(self, requester: Requester, scope: Scope, status: int) -> None:
-        """Add an entry to the audit, unless this minute has too many entries without a valid key."""
+        """Add an entry about a request; leave it out if this minute has too many without a valid key."""
         if requester.key is None and self._exceeds_anonymous_limit():
             return
         entry = AuditEntry(
@@ -463,11 +476,11 @@ class Audit:
         )
         try:
             await run_sync(self._store.audit.add, entry, limiter=self._database_slots)
-        except StoreError as error:  # what was done is done; the requester gets the ordinary answer
+        except StoreError as error:  # the request has been carried out: the requester gets the usual answer
             _logger.error("the audit lacks %s: %s", entry, error.reason)  # noqa: TRY400
 
     def _exceeds_anonymous_limit(self) -> bool:
-        """Count a request without a valid key; return whether this minute had too many of them."""
+        """Count a request without a valid key; return whether there are too many in this minute."""
         minute = int(time.monotonic() // 60)
         if minute != self._minute:
             self._minute, self._anonymous = minute, 0
@@ -478,7 +491,7 @@ class Audit:
 
 
 def address_of(scope: Scope) -> str:
-    """Return the client's IP address; `unknown` for any other text, which a proxy may send."""
+    """Return the client's IP address; `unknown` if its name is no IP address, as behind some proxies."""
     try:
         return str(ipaddress.ip_address((scope.get("client") or ("",))[0]))
     except ValueError:
@@ -486,6 +499,6 @@ def address_of(scope: Scope) -> str:
 
 
 def _printable_path(path: str) -> str:
-    """Return a path for the audit: without secrets, not too long, unprintable characters replaced."""
-    text = without_keys(path[: 2 * _LONGEST_PATH])[:_LONGEST_PATH]
+    """Return a path for the audit: secrets hidden, text shortened, unprintable characters replaced."""
+    text = hide_secrets(path[: 2 * _LONGEST_PATH])[:_LONGEST_PATH]
     return "".join(character if character.isprintable() else "�" for character in text)

@@ -24,13 +24,13 @@ LOOPBACK_NAMES: Final = frozenset({"localhost", "127.0.0.1", "[::1]"})
 SAFE: Final = frozenset({"GET", "HEAD", "OPTIONS"})
 """Methods that change nothing."""
 _OWN_PAGES: Final = frozenset({"same-origin", "none"})
-"""Values of Sec-Fetch-Site (W3C Fetch Metadata) of our own page, and of what a person entered."""
+"""Values of Sec-Fetch-Site (W3C Fetch Metadata) of our own page, and of addresses that a person typed."""
 _HOST: Final = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[^\s:/@\[\]]+)(?::[0-9]{1,5})?")
 
 
 @dataclass(frozen=True)
-class Posture:
-    """Names and callers that the service accepts."""
+class AccessPolicy:
+    """Callers and host names that the service accepts."""
 
     # `loopback`: programs of this machine; `keys`: holders of a key; `none`: everyone who reaches the address
     access: Access = "loopback"
@@ -38,19 +38,19 @@ class Posture:
     hosts: frozenset[str] | None = LOOPBACK_NAMES
 
     @classmethod
-    def of(
+    def from_address(
         cls, address: str, allowed: tuple[str, ...], *, access_control: bool, require_key: bool = False
-    ) -> Posture:
-        """Return the posture of a service that listens on an address.
+    ) -> AccessPolicy:
+        """Return the access policy of a service that listens on an address.
 
         Args:
             address: address on which the service listens.
-            allowed: additional names of the service; `*` for any name.
-            access_control: whether the service itself controls who is answered.
+            allowed: additional host names of the service; `*` for any name.
+            access_control: whether the service itself controls access; false if a proxy does.
             require_key: whether a key is required on a loopback address, too.
 
         Raises:
-            ValueError: the service would control nothing, or answer under no name.
+            ValueError: a key is required without access control, or no host name is allowed.
         """
         named = frozenset(name.strip().removesuffix(".").lower() for name in allowed)
         names = LOOPBACK_NAMES | {_format_host(address)}
@@ -59,7 +59,8 @@ class Posture:
         if is_loopback(address):
             return cls("keys" if require_key else "loopback", names | named)
         if access_control:
-            # A rebound name has neither the cookie nor the key: without names given, all are answered.
+            # Without `allowed`, all host names are accepted: an attacker's page whose name points here (DNS
+            # rebinding) has neither the cookie nor the key.
             return cls("keys", names | named if named - {"*"} else None)
         if not named:
             raise ValueError("other machines can reach this address, but no host name is allowed")
@@ -74,16 +75,17 @@ def is_loopback(address: str) -> bool:
         return address.removesuffix(".").lower() == "localhost"
 
 
-def refusal(posture: Posture, scope: Scope) -> Problem | None:
-    """Return the problem of a request to an unknown host (421) or from another site's page (403), or None.
+def find_refusal(policy: AccessPolicy, scope: Scope) -> Problem | None:
+    """Check the host and the origin of a request; return the problem by which it is refused, or None.
 
-    An attacker may let a name point to this machine (DNS rebinding): its requests have that unknown name. A
-    page of another site sends its `Origin`, or another `Sec-Fetch-Site`; programs send neither header.
+    A request to an unknown host name (421) may come from a page of an attacker who lets this name point to
+    this machine (DNS rebinding). A change requested by another site's page (403) is known by the headers
+    `Origin` and `Sec-Fetch-Site`, which programs do not send.
     """
     headers = Headers(scope=scope)
     hosts = headers.getlist("host")
     parsed = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
-    known = posture.hosts
+    known = policy.hosts
     if parsed is None or (known is not None and parsed[1].removesuffix(".").lower() not in known):
         return http_problem(
             421,
@@ -109,12 +111,12 @@ def _is_own_page(headers: Headers, host: str) -> bool:
 
 
 def _format_host(address: str) -> str:
-    """Return an address as the Host header has it: in lower case, IPv6 in brackets."""
+    """Return an address in the form of the Host header: in lower case, IPv6 in brackets."""
     return f"[{address.lower()}]" if ":" in address else address.lower()
 
 
 SMALL_BYTES: Final = 64 * 1024
-"""Largest body of an address without a limit of its own; parsed at once, in about a millisecond."""
+"""Largest body for a path that is not in `MAX_BYTES`; parsed at once, in about a millisecond."""
 MAX_ROBOT_BYTES: Final = 4 * 1024 * 1024
 MAX_DEFLECTION_BYTES: Final = 2 * 1024 * 1024
 MAX_BYTES: Final[Mapping[str, int]] = MappingProxyType(
@@ -128,7 +130,7 @@ MAX_BYTES: Final[Mapping[str, int]] = MappingProxyType(
     }
     | {f"/v1/{kind.collection}": kind.max_bytes for kind in KINDS}
 )
-"""Largest body of each address that takes more than `SMALL_BYTES`."""
+"""Path → largest body, for paths that take more than `SMALL_BYTES`."""
 LARGE_BODIES: Final = 2
 """Maximum number of imports, predictions and maps worked on at the same time."""
 PARSERS: Final = 1
@@ -137,22 +139,22 @@ PARSERS: Final = 1
 MAX_STRUCTURE: Final[Mapping[bytes, int]] = MappingProxyType(
     {b"{": 60_000, b"[": 400_000, b":": 300_000, b",": 1_000_000}
 )
-"""Objects, lists, members and values in a body. A parser spends up to 1 kB on an empty object of two bytes:
+"""Most objects, lists, members and values in a body. A parser spends up to 1 kB on an empty object (2 bytes):
 8 MiB of them would take gigabytes before the first fault is found."""
 MAX_KEYS: Final = 4_000
-"""Different keys in a body. Each unknown key is a fault, and validation spends 1 kB on a fault."""
+"""Most different keys in a body. Each unknown key is a fault, and validation spends 1 kB on a fault."""
 _STRING: Final = re.compile(rb'"((?:[^"\\]++|\\.)*+)(?:"\s*+(:?))?', re.DOTALL)
 """A JSON string, whether it ends or not, and the colon that makes it a key. Linear in time."""
 
 
 class BodyLimits:
-    """Middleware that refuses a body beyond the limit of its address (413), its length declared or not."""
+    """Middleware that refuses a body larger than the limit of its path (413)."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on; refuse it when the declared or the received length exceeds the limit."""
+        """Answer a request; refuse its body when the declared or the received length exceeds the limit."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -161,6 +163,7 @@ class BodyLimits:
         expected, received = int(declared) if declared.isdecimal() else 0, 0
 
         async def receive_counted() -> Message:
+            """Receive the next message; raise a 413 if the body has become too large."""
             nonlocal received
             if max(expected, received) > limit:
                 raise _too_large(limit)
@@ -174,7 +177,7 @@ class BodyLimits:
 
 
 def refuse_structure(content: bytes) -> None:
-    """Refuse a JSON text that a parser would need too much memory for.
+    """Refuse a JSON text for which a parser would need too much memory.
 
     Raises:
         HTTPException: the text has too many objects, lists, members, values or different keys (413).
@@ -186,6 +189,7 @@ def refuse_structure(content: bytes) -> None:
             )
     if content.count(b":") <= MAX_KEYS:
         return
+    # Only now are the different keys counted, which is slow: fewer colons mean fewer keys.
     keys = set()
     for string in _STRING.finditer(content):
         if string[2]:
@@ -197,4 +201,5 @@ def refuse_structure(content: bytes) -> None:
 
 
 def _too_large(limit: int) -> HTTPException:
+    """Return the refusal (413) of a body larger than a limit in bytes."""
     return HTTPException(413, f"the body exceeds {limit // 1024} KiB; split it into several requests")

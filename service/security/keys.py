@@ -1,7 +1,7 @@
-"""Keys: their text, the file that a container may get them in, and the ring of those that open the service.
+"""Keys: their text, the file in which a container may get them, and the ring of keys that open the service.
 
 The text of a key is `jst_<id>_<256 random bits>_<crc32>`. The check sum tells a mistyped key from a wrong
-one, without a look at any other; it is no secret. Only hashes of keys are kept, so that reading them opens
+one without reading any stored key; it is no secret. Only hashes of keys are kept, so that reading them opens
 nothing.
 """
 
@@ -40,7 +40,7 @@ from jointstiff.service.store.tables import AccessKey
 _ALPHABET: Final = string.ascii_letters + string.digits
 """62 characters: a double click selects the whole key."""
 _LENGTH: Final = 43
-"""62^43 > 2^256."""
+"""Number of random characters in a key: 62^43 > 2^256."""
 _KEY: Final = re.compile(r"(jst_([0-9a-f]{10})_[A-Za-z0-9]{43})_([0-9a-f]{8})", re.ASCII)
 _SECRETS: Final = re.compile(r"(jst|jsl)_[A-Za-z0-9_%-]*", re.ASCII)
 _REMEDY: Final = "copy the whole key, from jst_ to its last character; it was shown once, when it was created"
@@ -55,7 +55,7 @@ _logger = logging.getLogger(__name__)
 class Minted(NamedTuple):
     """A new key."""
 
-    text: str  # text that its holder keeps; nothing else does
+    text: str  # secret text, which only the holder keeps
     record: AccessKey  # record that is stored
 
 
@@ -78,15 +78,15 @@ def mint(name: str, role: Role, now: datetime, expires_at: datetime | None) -> M
 
 
 def mint_token(kind: str) -> str:
-    """Return `KIND_` and a random text of 256 bits, as the secret of a session or of a link."""
+    """Return a new secret of a session or of a link: `KIND_` followed by a random text of 256 bits."""
     return f"{kind}_{_random_text()}"
 
 
 def parse_key_id(text: str) -> str:
-    """Return the id that the text of a key contains.
+    """Return the id in the text of a key.
 
     Raises:
-        KeyRefusedError: the text is no key, or is mistyped.
+        KeyRefusedError: the text has not the form of a key, or its check sum does not fit.
     """
     match = _KEY.fullmatch(text)
     if match is None:
@@ -99,21 +99,23 @@ def parse_key_id(text: str) -> str:
 def digest(text: str) -> str:
     """Return the SHA-256 of a key or token; only this hash is stored.
 
-    A fast hash is enough: nobody guesses 256 random bits, unlike a password that people choose.
+    A fast hash is enough: unlike a password that a person chooses, 256 random bits cannot be guessed.
     """
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
-def without_keys(text: str) -> str:
-    """Return a text in which `…` replaces the secrets of keys and links, for logs and the audit."""
+def hide_secrets(text: str) -> str:
+    """Return a text with the secrets of keys and links replaced by `…`, for logs and the audit."""
     return _SECRETS.sub(r"\1_…", text)
 
 
 def _random_text() -> str:
+    """Return 43 random letters and digits: 256 random bits."""
     return "".join(secrets.choice(_ALPHABET) for _ in range(_LENGTH))
 
 
 def _checksum(body: str) -> str:
+    """Return the CRC-32 of a key's text without its check sum, as 8 hexadecimal digits."""
     return f"{zlib.crc32(body.encode()):08x}"
 
 
@@ -147,14 +149,14 @@ class _Document(Message):
 
 
 class KeysFile:
-    """Keys in a file, which commands write and the service reads."""
+    """A file of keys, which commands write and the service reads."""
 
     def __init__(self, path: Path) -> None:
         """Use the file at a path; it may be missing until a key is added."""
         self._path = path
 
     def all(self) -> list[AccessKey]:
-        """Return all keys, revoked ones too.
+        """Return all keys of the file, revoked keys included.
 
         Raises:
             KeysFileError: the file is missing, too large, writable for everyone, or not a file of keys.
@@ -195,13 +197,14 @@ class KeysFile:
             keys = {key.id: key for key in self.all()}
             if key_id not in keys:
                 raise NotFoundError(KEY, key_id)
+            # A key that was revoked before keeps the time of its first revocation.
             keys[key_id] = replace(keys[key_id], revoked_at=keys[key_id].revoked_at or now)
             self._write(list(keys.values()))
         return keys[key_id]
 
     @contextmanager
     def _file_lock(self) -> Iterator[None]:
-        """Lock the file's folder, so that two processes do not overwrite each other's changes."""
+        """Hold a lock on the file's folder, so that processes do not overwrite each other's changes."""
         try:
             folder = os.open(self._path.parent, os.O_RDONLY)
         except OSError as error:
@@ -213,7 +216,7 @@ class KeysFile:
             os.close(folder)
 
     def _write(self, keys: list[AccessKey]) -> None:
-        """Replace the file in one step: a service that reads it meanwhile gets the old or the new content."""
+        """Replace the content of the file by keys, in one step: readers get the old or the new content."""
         entries = [{name: asdict(key)[name] for name in _STORED} for key in keys]
         text = json.dumps(
             _Document.model_validate({"keys": entries}).model_dump(mode="json"), indent=1, ensure_ascii=False
@@ -235,7 +238,7 @@ class KeysFile:
 
 
 class Keyring:
-    """Keys of the database and of a file, as the last `look` found them."""
+    """Keys that open the service, read from the database and from a file by the last call of `look`."""
 
     def __init__(self, store: Store, file: Path | None = None) -> None:
         """Begin without keys; `look` reads them.
@@ -248,24 +251,24 @@ class Keyring:
         self._file = None if file is None else KeysFile(file)
         self._stored = _NONE
         self._filed = _NONE
-        self._gone: set[str] = set()  # ids that left the file, whose sessions are not ended yet
+        self._gone: set[str] = set()  # ids removed from the file, whose sessions have still to be ended
         self._is_broken = False  # whether the last look could not read the file
         self._looking = threading.Lock()
 
     def look(self) -> None:
-        """Read the keys again; end the sessions of keys that left the file.
+        """Read the keys again, and end the sessions of keys that were removed from the file.
 
-        A file that is missing or cannot be read counts as a file without keys.
+        A file that is missing or cannot be read is treated as a file without keys.
 
         Raises:
             StoreError: the database does not answer.
         """
-        with self._looking:  # an older look must not overwrite what a newer one found
+        with self._looking:  # a look that began earlier must not overwrite the keys of a later look
             if self._file is not None:
                 ids_before, self._filed = self._valid_ids_in_file(), self._read_file(self._file)
                 self._gone |= ids_before - self._valid_ids_in_file()
-                if self._gone:  # or their sessions would be valid again if the file came back
-                    self._store.sessions.end_of(sorted(self._gone))
+                if self._gone:  # otherwise their sessions would be valid again if the file came back
+                    self._store.sessions.end_sessions_of_keys(sorted(self._gone))
                     self._gone.clear()
             self._stored = {key.id: key for key in self._store.keys.all()}
 
@@ -275,13 +278,13 @@ class Keyring:
         return {key.id for key in self._filed.values() if key.is_live(now)}
 
     def _read_file(self, file: KeysFile) -> Mapping[str, AccessKey]:
-        """Return the keys in the file by id; none if the file cannot be read, which is logged once."""
+        """Return id → key in the file; if the file cannot be read, log this once and return no keys."""
         try:
             filed = {key.id: key for key in file.all()}
             self._is_broken = False
         except KeysFileError as error:
             filed = {}  # removing the file revokes its keys
-            if not self._is_broken:  # logged once, not at every look
+            if not self._is_broken:
                 _logger.error("%s", error.reason)  # noqa: TRY400 - the reason is all there is
             self._is_broken = True
         return filed
@@ -321,21 +324,21 @@ class Keyring:
             raise KeyRefusedError("the key has expired", _OTHER_KEY)
         return key
 
-    def listing(self) -> list[Key]:
-        """Return all keys, revoked ones too, without their secrets."""
-        filed = [described(key, is_filed=True) for key in self._filed.values()]
-        return [*(described(key) for key in self._stored.values()), *filed]
+    def list_keys(self) -> list[Key]:
+        """Return the API messages about all keys, revoked keys included, without secrets."""
+        filed = [describe_key(key, is_filed=True) for key in self._filed.values()]
+        return [*(describe_key(key) for key in self._stored.values()), *filed]
 
     def is_filed(self, key_id: str) -> bool:
-        """Return whether the file has a key with this id."""
+        """Return whether the key with an id is in the file, not in the database."""
         return key_id in self._filed
 
     def _key_by_id(self, key_id: str) -> AccessKey | None:
-        """Return the key with an id, from the operator's file or else the database; None if unknown."""
+        """Return the key with an id, from the file or else from the database; None if the id is unknown."""
         return self._filed.get(key_id) or self._stored.get(key_id)
 
 
-def described(key: AccessKey, *, is_filed: bool = False) -> Key:
-    """Return the message that describes a key, without its secret."""
+def describe_key(key: AccessKey, *, is_filed: bool = False) -> Key:
+    """Return the API message about a key, without its secret; `is_filed`: the key is kept in the file."""
     fields = {name: getattr(key, name) for name in Key.model_fields.keys() - {"source", "key"}}
     return Key(**fields, source="file" if is_filed else "database")

@@ -1,4 +1,4 @@
-"""Keys that let their holders in, wrong ones, sessions of browsers, and links that begin one session each."""
+"""Access keys, counts of wrong keys, sessions of browsers, and links that begin one session each."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, Final
 import sqlalchemy as sa
 
 from jointstiff.service.problems import NotFoundError, Resource
-from jointstiff.service.store.database import Database, inserting
+from jointstiff.service.store.database import Database, insert_unless_present
 from jointstiff.service.store.tables import (
     AccessKey,
     SessionRecord,
@@ -23,14 +23,14 @@ from jointstiff.service.store.tables import (
 
 KEY: Final = Resource("key", "keys")
 MINUTE: Final = timedelta(minutes=1)
-"""Times of use are kept to the minute, so that most requests need no write."""
+"""Resolution of stored times of use: most requests need no write to the database."""
 MOST_SESSIONS: Final = 100
-"""Greatest number of sessions of one key; one more ends the session that was not used for longest."""
+"""Greatest number of sessions of one key; a further session ends the session with the oldest use."""
 
 FORGET: Final = timedelta(seconds=6)
-"""Time after which one wrong key of a network no longer counts."""
+"""Time in which the count of wrong keys of a network falls by one."""
 MOST_WRONG: Final = 20
-"""Greatest count of wrong keys of a network; further wrong keys cost no write."""
+"""Greatest count of wrong keys of a network; further wrong keys are not written to the database."""
 MOST_NETWORKS: Final = 1_024
 """Greatest number of networks with a count; the networks counted longest ago are removed first."""
 
@@ -68,7 +68,7 @@ class AccessKeys:
             return AccessKey(*row)
         raise NotFoundError(KEY, key_id)
 
-    def used(self, key_id: str, now: datetime) -> None:
+    def mark_used(self, key_id: str, now: datetime) -> None:
         """Store the time of the last use of a key, unless a later use is stored."""
         last = access_keys.c.last_used_at
         update = sa.update(access_keys).where(access_keys.c.id == key_id, sa.or_(last.is_(None), last < now))
@@ -82,7 +82,7 @@ class Sessions:
         """Keep sessions in a database.
 
         Args:
-            database: where they are kept.
+            database: database that stores the sessions.
             idle: time after which an unused session ends.
             longest: time after which every session ends.
         """
@@ -91,7 +91,7 @@ class Sessions:
         self._longest = longest
 
     def begin(self, session: SessionRecord) -> None:
-        """Store a new session; remove ended sessions, and those of the key beyond `MOST_SESSIONS`."""
+        """Store a new session; remove ended sessions, and the key's sessions beyond `MOST_SESSIONS`."""
         columns = access_sessions.c
         kept = (
             sa.select(columns.token_hash)
@@ -112,7 +112,7 @@ class Sessions:
         query = _SESSIONS.where(access_sessions.c.token_hash == token_hash, self._alive_condition(now))
         return next((SessionRecord(*row) for row in self._database.rows(query)), None)
 
-    def used(self, token_hash: str, now: datetime) -> None:
+    def mark_used(self, token_hash: str, now: datetime) -> None:
         """Store the time of the last use of a session, unless a later use is stored."""
         columns = access_sessions.c
         update = sa.update(access_sessions).where(columns.token_hash == token_hash, columns.used_at < now)
@@ -122,8 +122,8 @@ class Sessions:
         """End the session of a token; a repeated call changes nothing."""
         self._database.change(sa.delete(access_sessions).where(access_sessions.c.token_hash == token_hash))
 
-    def end_of(self, key_ids: Sequence[str]) -> None:
-        """End all sessions of some keys, and the links that would begin more."""
+    def end_sessions_of_keys(self, key_ids: Sequence[str]) -> None:
+        """End all sessions of some keys, and remove the links that can begin sessions of these keys."""
         self._database.change(*_end_sessions(key_ids))
 
     def offer(self, token_hash: str, key_id: str, now: datetime, ends_at: datetime) -> None:
@@ -135,24 +135,24 @@ class Sessions:
     def redeem(self, token_hash: str, now: datetime) -> str | None:
         """Use up a link and return the id of its key; None if the link is unknown, used or has ended.
 
-        Of two simultaneous calls one gets the key.
+        Of two simultaneous calls only the first returns the id.
         """
         links = access_links.c
         if not self._database.rows(sa.select(links.key_id).where(links.token_hash == token_hash)):
-            return None  # guessed links cost only a read, and no other writer waits
-        taken = sa.delete(access_links).where(links.token_hash == token_hash)
+            return None  # an invalid link costs only a read, and no other writer has to wait
+        removal = sa.delete(access_links).where(links.token_hash == token_hash)
         with self._database.writing() as connection:
-            row = connection.execute(taken.returning(links.key_id, links.ends_at)).one_or_none()
+            row = connection.execute(removal.returning(links.key_id, links.ends_at)).one_or_none()
         return str(row.key_id) if row is not None and now < row.ends_at else None
 
     def _alive_condition(self, now: datetime) -> sa.ColumnElement[bool]:
-        """Return the condition of sessions that have not ended at a time."""
+        """Return the condition of sessions that have not ended at the time `now`."""
         columns = access_sessions.c
         return sa.and_(columns.used_at > now - self._idle, columns.created_at > now - self._longest)
 
 
 def _end_sessions(key_ids: Sequence[str]) -> list[sa.Delete]:
-    """Return the statements that end all sessions of some keys, and their links."""
+    """Return the statements that delete all sessions of some keys, and their links."""
     return [sa.delete(table).where(table.c.key_id.in_(key_ids)) for table in (access_sessions, access_links)]
 
 
@@ -165,28 +165,33 @@ class WrongKeys:
         self._now = clock or database.now
 
     def count(self, network: str) -> float:
-        """Count a wrong key of a network; return the count before, which falls by one in each `FORGET`."""
+        """Add one to the count of wrong keys of a network; return the count before.
+
+        A count falls by one in each time `FORGET`.
+        """
         counted = sa.select(wrong_keys).where(wrong_keys.c.network == network)
         with (
             self._database.reading() as connection
         ):  # beyond the greatest count a wrong key costs only a read
-            before = self._present_count(connection, counted)
+            before = self._read_present_count(connection, counted)
         if before > MOST_WRONG - 1:
             return before
         with self._database.writing() as connection:
             now = self._now(connection)
-            first = inserting(connection, wrong_keys).values(network=network, number=0.0, counted_at=now)
+            first = insert_unless_present(connection, wrong_keys).values(
+                network=network, number=0.0, counted_at=now
+            )
             if connection.execute(first).rowcount == 1:
                 newest = sa.select(wrong_keys.c.network).order_by(wrong_keys.c.counted_at.desc())
                 kept = wrong_keys.c.network.in_(newest.limit(MOST_NETWORKS))
                 connection.execute(sa.delete(wrong_keys).where(~kept))
-            before = self._present_count(connection, counted.with_for_update())
-            counting = sa.update(wrong_keys).where(wrong_keys.c.network == network)
-            connection.execute(counting.values(number=before + 1.0, counted_at=now))
+            before = self._read_present_count(connection, counted.with_for_update())
+            update = sa.update(wrong_keys).where(wrong_keys.c.network == network)
+            connection.execute(update.values(number=before + 1.0, counted_at=now))
         return before
 
-    def _present_count(self, connection: sa.Connection, query: sa.Select[Any]) -> float:
-        """Return the count in the row of a query, reduced by what was forgotten since; 0 without a row."""
+    def _read_present_count(self, connection: sa.Connection, query: sa.Select[Any]) -> float:
+        """Return the count that a query finds, less one for each `FORGET` since then; 0 without a row."""
         row = connection.execute(query).one_or_none()
         if row is None:
             return 0.0

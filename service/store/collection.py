@@ -1,4 +1,4 @@
-"""The records of one table: added, found, listed, deleted; and journals, to which they are only added."""
+"""Collections: tables whose records are added, listed, changed and deleted; and journals, which only grow."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sqlalchemy.exc import IntegrityError
 
 from jointstiff.service import problems
 from jointstiff.service.store.database import Database, Quota
-from jointstiff.service.store.listing import Order, is_indexable, page_of, words_of
+from jointstiff.service.store.listing import Order, is_indexable, read_page, search_text_of
 from jointstiff.service.store.tables import (
     DUE,
     AuditEntry,
@@ -45,7 +45,7 @@ MEASUREMENT_SET: Final = problems.Resource("measurement set", "measurement-sets"
 PARENTS: Final[Mapping[sa.Table, problems.Resource]] = MappingProxyType(
     {robots: ROBOT, measurement_sets: MEASUREMENT_SET}
 )
-"""Tables whose records are named by other records, and their names in messages."""
+"""Table to which other tables refer → its kind of resource, for messages."""
 
 _NO_FILTERS: Final[Mapping[str, str]] = MappingProxyType({})
 _NO_SPANS: Final[Mapping[str, tuple[datetime | None, datetime | None]]] = MappingProxyType({})
@@ -60,9 +60,9 @@ class Collection(Generic[Record, Entry]):
     """The records of one kind. Safe to use from several threads."""
 
     _ended: ClassVar[Sequence[sa.ColumnElement[bool]]] = ()
-    """Conditions on which a record can be deleted."""
+    """Conditions that a record must meet to be deleted."""
     _listed: ClassVar[Sequence[sa.ColumnElement[bool]]] = ()
-    """Further conditions on which a record is listed."""
+    """Further conditions that a record must meet to be listed."""
 
     def __init__(
         self,
@@ -83,7 +83,7 @@ class Collection(Generic[Record, Entry]):
         shown, keys = table.c, idempotency_keys.c
         self._insert = sa.insert(table)
         self._own_conditions = conditions
-        # Columns that refer to other tables, with these tables; and columns of other tables that refer here.
+        # References: (own column, table to which it refers). Children: other tables' columns that refer here.
         self._references: list[tuple[sa.Column[Any], sa.Table]] = [
             (each, reference.column.table) for each in shown for reference in each.foreign_keys
         ]
@@ -94,7 +94,7 @@ class Collection(Generic[Record, Entry]):
             if each.references(shown.id)
         ]
         columns = select_fields_of(table, record).selected_columns
-        self._entries = self._rows_listed()
+        self._entries = self._listing_query()
         self._visible, self._hidden = shown.deleted_at.is_(None), shown.deleted_at.is_not(None)
         self._exists = sa.select(shown.id).where(shown.id == sa.bindparam("id"), *self._own_conditions)
         self._by_id_or_hidden = self._exists.with_only_columns(*columns)
@@ -114,13 +114,13 @@ class Collection(Generic[Record, Entry]):
         """Store a record and its idempotency key in one transaction.
 
         Args:
-            record: what to store.
-            key: the idempotency key that came with it.
+            record: record to store.
+            key: idempotency key of the request; None if the request has none.
             also: function that writes more in the same transaction, such as an entry in the queue of jobs.
 
         Returns:
-            The record; or, if the key came before with the same body, the record that it created then, even
-            a deleted one. Of two simultaneous calls one creates, and both return the same record.
+            The stored record; if the key came before with the same body, the record created then, even if it
+            was deleted. Two simultaneous calls with one key create one record, and both return it.
 
         Raises:
             NotFoundError: a robot or measurement set that the record names does not exist, or was deleted.
@@ -134,11 +134,11 @@ class Collection(Generic[Record, Entry]):
         try:
             with self._database.writing() as connection:
                 if key is not None:  # first: the second of two equal posts waits here for the first one
-                    own = {"resource": self.resource.collection, "key_hash": _hash(key.key)}
-                    of_record = {"resource_id": record.id, "created_at": record.created_at}
-                    connection.execute(_KEY, {**own, **of_record, "body_hash": key.body_hash})
-                named = self._lock_parents(connection, record)
-                connection.execute(self._insert, asdict(record) | self._copied_names(record, named))
+                    key_columns = {"resource": self.resource.collection, "key_hash": _hash(key.key)}
+                    record_columns = {"resource_id": record.id, "created_at": record.created_at}
+                    connection.execute(_KEY, {**key_columns, **record_columns, "body_hash": key.body_hash})
+                parents = self._lock_parents(connection, record)
+                connection.execute(self._insert, asdict(record) | self._copied_names(record, parents))
                 if also is not None:
                     also(connection)
                 self._mark_campaign_outdated(connection, record.id)
@@ -147,7 +147,7 @@ class Collection(Generic[Record, Entry]):
         return record
 
     def find(self, key: IdempotencyKey) -> Record | None:
-        """Return the record that an idempotency key created, deleted or not; None for a new key.
+        """Return the record that an idempotency key created, even if it was deleted; None for a new key.
 
         Raises:
             IdempotencyConflictError: the key came before with another body.
@@ -183,7 +183,7 @@ class Collection(Generic[Record, Entry]):
 
         Args:
             identifier: id of the record.
-            values: column → new value; only columns from which nothing was computed.
+            values: column → new value; only columns such as names, on which no result depends.
             hidden: whether a deleted record can be changed, too.
 
         Raises:
@@ -214,13 +214,13 @@ class Collection(Generic[Record, Entry]):
 
         Args:
             limit: greatest number of records, one or more.
-            cursor: `next` of the page before; none for the first page.
+            cursor: `next` of the page before; None for the first page.
             filters: column → value that it must have.
             spans: column of times → begin (included) and end (excluded); None for no limit.
-            deleted: whether to list deleted records in place of the others.
-            q: words that are all parts of a name that the listing shows.
-            sort: `created_at` or `name`; with a minus downwards.
-            counted: whether to count the records on all pages, at the first one.
+            deleted: True to list only the deleted records.
+            q: words to search; each must be a part of one of the names that the listing shows.
+            sort: `created_at` or `name`; in descending order with a minus in front.
+            counted: True to count the records of all pages, which is done with the first page.
 
         Raises:
             CursorError: no page gave this cursor.
@@ -235,7 +235,7 @@ class Collection(Generic[Record, Entry]):
         where += [columns[name] >= first for name, (first, _) in spans.items() if first is not None]
         where += [columns[name] < end for name, (_, end) in spans.items() if end is not None]
         order = Order(limit, cursor, q, sort, counted)
-        return page_of(self._database, self._table, self._entries, self._entry, where, order)
+        return read_page(self._database, self._table, self._entries, self._entry, where, order)
 
     def delete(self, identifier: str, now: datetime | None = None) -> None:
         """Hide a resource, which can be restored for `KEEP_DELETED`; a repeated call changes nothing.
@@ -268,7 +268,7 @@ class Collection(Generic[Record, Entry]):
             raise problems.NotEndedError(self.resource, identifier)
 
     def restore(self, identifier: str) -> None:
-        """Bring a deleted resource back; a resource that is not deleted stays as it is.
+        """Restore a deleted resource; nothing changes if the resource is not deleted.
 
         Raises:
             NotFoundError: there is no such resource, or it has been removed.
@@ -298,12 +298,12 @@ class Collection(Generic[Record, Entry]):
             raise problems.DeletedError(self.resource, identifier)
 
     def purge(self, before: datetime, limit: int) -> list[str]:
-        """Remove resources for good that were deleted before a time, with their idempotency keys.
+        """Remove resources for good that were deleted before a time, and their idempotency keys.
 
-        A resource stays as long as others refer to it, even deleted ones.
+        A resource is kept as long as other resources, also deleted ones, refer to it.
 
         Args:
-            before: the time, with a time zone.
+            before: time of deletion up to which resources are removed, with a time zone.
             limit: greatest number of resources; those deleted first are removed first.
 
         Returns:
@@ -330,48 +330,48 @@ class Collection(Generic[Record, Entry]):
     def _hide_or_restore_related(
         self, connection: sa.Connection, identifier: str, deleted_at: datetime | None
     ) -> None:
-        """Hide the related rows of a hidden record, or bring them back (`deleted_at` None); a hook."""
+        """Hide or restore (`deleted_at` None) rows that belong to a record; a hook for subclasses."""
 
-    def _rows_listed(self) -> sa.Select[Any]:
+    def _listing_query(self) -> sa.Select[Any]:
         """Return the query of the columns that a listing shows."""
         return select_fields_of(self._table, self._entry)
 
-    def _copied_names(self, record: Record, named: Mapping[str, Any]) -> dict[str, str | None]:  # noqa: ARG002 - for those who copy
-        """Return the columns with copies of names, for listings: names of the record and of its parents.
+    def _copied_names(self, record: Record, named: Mapping[str, Any]) -> dict[str, str | None]:  # noqa: ARG002 - subclasses use it
+        """Return columns for listings that hold copies of names, also of the records it refers to.
 
         Args:
             record: record that is about to be stored.
-            named: column → row of the parent that the column names.
+            named: column → row of the record to which the column refers.
         """
-        return _names_of_robot(record.name or "")
+        return _robot_name_columns(record.name or "")
 
     def _rename(self, connection: sa.Connection, identifier: str) -> None:
-        """Update the copies of names after a change of a record; a hook."""
+        """Update the copies of a record's name in other rows after a change; a hook for subclasses."""
 
     def _mark_campaign_outdated(self, connection: sa.Connection, identifier: str) -> None:
-        """Mark the last campaign of the record's robot as outdated, last in a transaction; a hook."""
+        """Mark the last campaign of the record's robot as outdated; a hook, called last in a transaction."""
 
     def _delete_related(self, connection: sa.Connection, gone: Sequence[str]) -> None:
-        """Delete the related rows of deleted records; a hook for collections that have some."""
+        """Delete rows of other tables that belong to removed records; a hook for subclasses."""
 
     def _can_filter_by(self, name: str) -> bool:
         """Return whether a listing can be filtered by a column, that is whether an index has the column."""
         return any(name in index.columns for index in self._table.indexes)
 
     def _list_parents(self, record: object) -> Iterator[tuple[sa.Column[Any], sa.Table, str]]:
-        """Yield the parents that a record, or its row, names: column, table and id of each."""
+        """Yield (column, table, id) of each record to which a record, or its row, refers."""
         for column, parent in self._references:
             if (identifier := getattr(record, column.name)) is not None:
                 yield column, parent, identifier
 
     def _lock_parents(self, connection: sa.Connection, record: object) -> dict[str, Any]:
-        """Lock the parents that a record names until the transaction ends.
+        """Lock the records to which a record refers until the transaction ends.
 
         Returns:
-            Column → row of the parent that the column names.
+            Column → row to which the column refers; None if there is no such row.
 
         Raises:
-            DeletedError: a parent was deleted.
+            DeletedError: a record to which the record refers was deleted.
         """
         named = {}
         for column, table, identifier in self._list_parents(record):
@@ -384,10 +384,10 @@ class Collection(Generic[Record, Entry]):
     def _explain_failed_insert(
         self, record: Record, key: IdempotencyKey | None, error: IntegrityError
     ) -> Record:
-        """Find out which constraint an insert broke; return the record that its key created before.
+        """Explain an insert that broke a constraint: return the record that `key` created before, or raise.
 
         Raises:
-            NotFoundError: a parent does not exist.
+            NotFoundError: a record to which the record refers does not exist.
             StoreError: the id exists already.
         """
         earlier = None if key is None else self.find(key)
@@ -401,7 +401,7 @@ class Collection(Generic[Record, Entry]):
         ) from error
 
     def _refuse_referenced(self, connection: sa.Connection, identifier: str) -> None:
-        """Raise `ReferencedError` if visible records refer to a record."""
+        """Raise `ReferencedError` if records that are not deleted refer to a record."""
         users: dict[str, str] = {}
         for column in self._children:
             table = column.table
@@ -442,23 +442,23 @@ class Robots(Collection[RobotRecord, RobotEntry]):
             return RobotEntry(**row._mapping)
         raise problems.NotFoundError(ROBOT, identifier)
 
-    def due(self, most: int) -> list[RobotEntry]:
-        """Return at most so many robots whose last campaign is outdated."""
+    def list_outdated(self, most: int) -> list[RobotEntry]:
+        """Return robots whose last campaign is outdated, at most `most`."""
         named = sa.select(last_campaigns.c.robot_id).where(sa.text(DUE)).limit(most)
         rows = self._database.rows(self._entries.where(robots.c.id.in_(named)))
         return [RobotEntry(**row._mapping) for row in rows]
 
-    def derive(self, entry: RobotEntry, campaign: dict[str, Any] | None) -> None:
-        """Store the last campaign of a robot, which was derived after its entry was read.
+    def store_last_campaign(self, entry: RobotEntry, campaign: dict[str, Any] | None) -> None:
+        """Store the last campaign of a robot, which the caller derived after reading the robot's `entry`.
 
-        If runs or sets changed since then, the campaign stays marked as outdated.
+        If runs or sets of the robot changed meanwhile, the campaign stays marked as outdated.
         """
         is_outdated = [last_campaigns.c.robot_id == entry.id, last_campaigns.c.changes >= entry.changes]
         older = sa.func.coalesce(last_campaigns.c.derived, 0) < entry.changes
         keep = sa.update(last_campaigns).where(*is_outdated, older)
         self._database.change(keep.values(derived=entry.changes, campaign=campaign))
 
-    def _rows_listed(self) -> sa.Select[Any]:
+    def _listing_query(self) -> sa.Select[Any]:
         """Return the query of robots with their last campaigns."""
         derived = last_campaigns.c
         return (
@@ -480,7 +480,7 @@ class Robots(Collection[RobotRecord, RobotEntry]):
 
 
 class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
-    """The ordinary measurement sets. The open set from which one was made is hidden and restored with it."""
+    """The ordinary measurement sets; a set that was measured live is deleted together with its open set."""
 
     def named(self, set_ids: Sequence[str]) -> list[Any]:
         """Return rows with names and content hashes of some sets and their robots; sets may be deleted."""
@@ -513,7 +513,7 @@ class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
         return found
 
     def arrays(self, set_ids: Sequence[str]) -> Iterator[tuple[str, bytes]]:
-        """Yield id and packed readings (npz) of some sets."""
+        """Yield (id, packed readings in npz format) of some sets."""
         query = sa.select(measurement_sets.c.id, measurement_sets.c.arrays)
         for ids in _portions(set_ids):
             for row in self._database.rows(query.where(measurement_sets.c.id.in_(ids))):
@@ -528,7 +528,7 @@ class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
 
     def _copied_names(self, record: MeasurementSetRecord, named: Mapping[str, Any]) -> dict[str, str | None]:
         """Return the robot's name and the text for searches, for a new set."""
-        return _names_of_set(record.name, value_of_parent(named, "robot_id"), record.serial_number)
+        return _set_name_columns(record.name, value_of_parent(named, "robot_id"), record.serial_number)
 
     def _rename(self, connection: sa.Connection, identifier: str) -> None:
         """Update the copies of a set's name in its own row and in its jobs."""
@@ -542,7 +542,7 @@ class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
 
 
 class OpenSets(Collection[OpenSetRecord, OpenSetRecord]):
-    """The sets that are or were measured live; a listing has only those that are not closed."""
+    """The sets that are or were measured live; a listing shows only sets that are not closed."""
 
     _listed = (
         ~sa.exists().where(live_entries.c.set_id == open_sets.c.id, live_entries.c.change == "closed"),
@@ -550,7 +550,7 @@ class OpenSets(Collection[OpenSetRecord, OpenSetRecord]):
 
     def _copied_names(self, record: OpenSetRecord, named: Mapping[str, Any]) -> dict[str, str | None]:
         """Return the robot's name and the text for searches, for a new open set."""
-        return _names_of_set(record.name, value_of_parent(named, "robot_id"), None)
+        return _set_name_columns(record.name, value_of_parent(named, "robot_id"), None)
 
     def _delete_related(self, connection: sa.Connection, gone: Sequence[str]) -> None:
         """Delete the entries of removed open sets."""
@@ -558,37 +558,43 @@ class OpenSets(Collection[OpenSetRecord, OpenSetRecord]):
 
 
 def _portions(identifiers: Sequence[str]) -> Iterator[Sequence[str]]:
-    """Yield ids in portions of a few hundred, as databases limit the parameters of a statement."""
+    """Yield ids in portions of at most `_PORTION`: databases limit the parameters of a statement."""
     known = [each for each in identifiers if is_indexable(each)]
     for first in range(0, len(known), _PORTION):
         yield known[first : first + _PORTION]
 
 
 def value_of_parent(named: Mapping[str, Any], column: str, name: str = "name") -> str | None:
-    """Return the value of a column of a parent; None if the record names no parent in `column`."""
+    """Return the field `name` of the row to which a column refers; None if there is no such row.
+
+    `named` is: column → row to which the column refers.
+    """
     row = named.get(column)
     return None if row is None else getattr(row, name)
 
 
-def _names_of_robot(name: str) -> dict[str, str | None]:
-    """Return the columns with copies of names for a robot."""
-    return {"words": words_of(name)}
+def _robot_name_columns(name: str) -> dict[str, str | None]:
+    """Return column → text for the columns of a robot's row that hold copies of names."""
+    return {"words": search_text_of(name)}
 
 
-def _names_of_set(name: str, robot: str | None, serial_number: str | None) -> dict[str, str | None]:
-    """Return the columns with copies of names for a measurement set, given the robot's name."""
-    return {"robot_name": robot, "words": words_of(name, robot, serial_number)}
+def _set_name_columns(name: str, robot: str | None, serial_number: str | None) -> dict[str, str | None]:
+    """Return column → text for the columns of a set's row that hold copies of names; `robot` is a name."""
+    return {"robot_name": robot, "words": search_text_of(name, robot, serial_number)}
 
 
-def names_of_job(
+def job_name_columns(
     name: str | None, robot: str | None, measurement_set: str | None, serial_number: str | None
 ) -> dict[str, str | None]:
-    """Return the columns with copies of names for a job; one without name is sorted by that of its set."""
+    """Return column → text for the columns of a job's row that hold copies of names.
+
+    `robot` and `measurement_set` are names. In the order of names a job without name has that of its set.
+    """
     return {
         "robot_name": robot,
         "measurement_set_name": measurement_set,
         "serial_number": serial_number,
-        "words": words_of(name or measurement_set, robot, serial_number, name and measurement_set),
+        "words": search_text_of(name or measurement_set, robot, serial_number, name and measurement_set),
     }
 
 
@@ -601,12 +607,12 @@ def _set_names_query(table: sa.Table, serial_number: sa.ColumnElement[Any]) -> s
 _NAMES: Final[Mapping[sa.Table, tuple[sa.Select[Any], Callable[..., dict[str, str | None]]]]] = (
     MappingProxyType(
         {
-            robots: (sa.select(robots.c.sequence, robots.c.name), _names_of_robot),
+            robots: (sa.select(robots.c.sequence, robots.c.name), _robot_name_columns),
             measurement_sets: (
                 _set_names_query(measurement_sets, measurement_sets.c.serial_number),
-                _names_of_set,
+                _set_name_columns,
             ),
-            open_sets: (_set_names_query(open_sets, sa.null()), _names_of_set),
+            open_sets: (_set_names_query(open_sets, sa.null()), _set_name_columns),
             jobs: (
                 sa.select(
                     jobs.c.sequence,
@@ -617,28 +623,28 @@ _NAMES: Final[Mapping[sa.Table, tuple[sa.Select[Any], Callable[..., dict[str, st
                 )
                 .outerjoin_from(jobs, robots, robots.c.id == jobs.c.robot_id)
                 .outerjoin(measurement_sets, measurement_sets.c.id == jobs.c.measurement_set_id),
-                names_of_job,
+                job_name_columns,
             ),
         }
     )
 )
-"""For each table the query of its names, and the function that makes the copied columns of them."""
+"""Table → (query of sequence and names, function of the names that returns the columns with copies)."""
 
 
 def _copy_names(connection: sa.Connection, column: sa.Column[Any], identifier: str) -> None:
-    """Update the copies of names in all rows with an id in a column, after a name changed."""
+    """Update the copies of names, after a name changed, in all rows whose `column` has the id."""
     table = column.table
-    names, copied = _NAMES[table]
+    names, make_copies = _NAMES[table]
     # Rows are changed in one order: otherwise two transactions that rename could deadlock.
     found = connection.execute(names.where(column == identifier).order_by(table.c.sequence)).all()
-    if changes := [{"own": number, **copied(*row)} for number, *row in found]:
+    if changes := [{"own": number, **make_copies(*row)} for number, *row in found]:
         connection.execute(sa.update(table).where(table.c.sequence == sa.bindparam("own")), changes)
 
 
 def mark_campaigns_outdated(connection: sa.Connection, where: sa.ColumnElement[bool]) -> bool:
-    """Mark last campaigns that meet a condition as outdated; return whether there are any.
+    """Mark the last campaigns that meet a condition as outdated; return whether any meets it.
 
-    It comes last in a transaction, as other transactions on runs of the robot wait until this one ends.
+    Call it last in a transaction: other transactions on runs of the robot wait until the transaction ends.
     """
     more = sa.update(last_campaigns).where(where).values(changes=last_campaigns.c.changes + 1)
     return connection.execute(more).rowcount > 0
@@ -646,7 +652,7 @@ def mark_campaigns_outdated(connection: sa.Connection, where: sa.ColumnElement[b
 
 @cache
 def _lock_parent_query(table: sa.Table) -> sa.Select[Any]:
-    """Return the query of a parent's names and time of deletion that locks its row against changes."""
+    """Return the query that locks a row, given its id, and reads its names and its time of deletion."""
     named = [table.c[name] for name in ("deleted_at", "name", "serial_number") if name in table.c]
     return sa.select(*named).where(table.c.id == sa.bindparam("id")).with_for_update(read=True)
 
@@ -663,7 +669,7 @@ class Journal(Generic[Noted]):
     """Records of one table that are only added, in the order of their arrival. Safe for several threads."""
 
     def __init__(self, database: Database, table: sa.Table, record: type[Noted], quota: Quota | None) -> None:
-        """Keep records in a table; without a quota also in a full database."""
+        """Keep records in a table; with `quota` None records are added even to a full database."""
         self._database, self._table, self._quota = database, table, quota
         self._record: type[Noted] = record
         self._all = select_fields_of(table, record)
@@ -679,7 +685,7 @@ class Journal(Generic[Noted]):
         with self._database.writing() as connection:
             return self._insert(connection, record)
 
-    def of(self, **values: str) -> list[Noted]:
+    def find(self, **values: str) -> list[Noted]:
         """Return the records that have these values in these columns, oldest first."""
         if not all(map(is_indexable, values.values())):
             return []
@@ -692,7 +698,7 @@ class Journal(Generic[Noted]):
         """Return one page of the records with these values in these columns; None allows any value."""
         where = [self._table.c[name] == value for name, value in values.items() if value is not None]
         order = Order(limit, cursor, counted=counted)
-        return page_of(self._database, self._table, self._all, self._record, where, order)
+        return read_page(self._database, self._table, self._all, self._record, where, order)
 
     def _insert(self, connection: sa.Connection, record: Noted) -> Noted:
         """Insert a record and return it."""
@@ -701,7 +707,7 @@ class Journal(Generic[Noted]):
 
 
 class LiveEntries(Journal[LiveEntry]):
-    """Entries of open sets. For an entry of a known kind and label the stored entry is returned."""
+    """Entries of the records of live campaigns; each kind and label of a set is stored once."""
 
     def _insert(self, connection: sa.Connection, record: LiveEntry) -> LiveEntry:
         """Insert an entry and return it, or return the stored entry of the same kind and label.
@@ -710,9 +716,11 @@ class LiveEntries(Journal[LiveEntry]):
             NotFoundError: there is no such open set, or it was deleted.
             ClosedError: the set is closed.
         """
-        # The lock on the set lets its entries come one by one: no entry follows the closing one.
-        held = sa.select(open_sets.c.deleted_at).where(open_sets.c.id == record.set_id).with_for_update()
-        row = connection.execute(held).one_or_none()
+        # With the set locked, entries are inserted one after the other: none can follow the closing entry.
+        locked_set = (
+            sa.select(open_sets.c.deleted_at).where(open_sets.c.id == record.set_id).with_for_update()
+        )
+        row = connection.execute(locked_set).one_or_none()
         if row is None or row.deleted_at is not None:
             raise problems.NotFoundError(MEASUREMENT_SET, record.set_id)
         columns = live_entries.c

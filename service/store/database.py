@@ -1,4 +1,4 @@
-"""One open database, SQLite or PostgreSQL: to connect to it, read and write it; and the size it may have."""
+"""An open database, SQLite or PostgreSQL: connections, transactions and the quota of its size."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _DIALECTS: dict[str, Dialect] = {
 BUSY_SECONDS = 20.0
 """Time that a transaction waits for other writers of SQLite [s]."""
 LOCKED_SECONDS = 1.0
-"""Time that a transaction waits after another waited in vain, until one gets the lock again [s]."""
+"""Time that a transaction waits if the one before timed out, until one gets the lock [s]."""
 _CONNECTIONS = 16
 _SESSION: Final = MappingProxyType(
     {
@@ -60,7 +60,7 @@ _LINK: Final = MappingProxyType(
         "tcp_user_timeout": 10_000,  # ms
     }
 )
-"""Parameters by which a connection to PostgreSQL counts as lost; the URL can override them."""
+"""Parameters that decide when a connection to PostgreSQL is lost; the URL can override them."""
 _AWAY_SECONDS: Final = 2.0  # time for which a server that gave no answer is not tried again
 _MENDABLE: Final = frozenset({"42501", "3F000"})  # SQLSTATE: a privilege, or a schema, is missing
 _NO_VALUES: Mapping[str, object] = MappingProxyType({})
@@ -69,10 +69,9 @@ _NO_VALUES: Mapping[str, object] = MappingProxyType({})
 class Database:
     """One open database. Safe to use from several threads; each block has its own connection.
 
-    Both engines share a pool and differ in how they begin. A *reader* takes each statement by
-    itself (autocommit), which saves two round trips. A *writer* is one transaction; on SQLite it
-    takes the write lock when it begins, as a lock that is taken later can fail at once (a snapshot
-    that has gone stale) whatever the timeout.
+    Reader and writer share a pool of connections. The *reader* carries out each statement on its own
+    (autocommit), which saves two round trips. The *writer* begins a transaction; on SQLite with the write
+    lock, as a lock that is requested later can fail without waiting if the read data are outdated.
     """
 
     def __init__(self, dialect: Dialect, reader: sa.Engine, writer: sa.Engine) -> None:
@@ -123,8 +122,8 @@ class Database:
     def _keep_or_close(self, _: object, record: sa.pool.ConnectionPoolEntry) -> None:
         """Close a connection that returns to the pool if the database is closed or was found read-only.
 
-        An SQLite file that was read-only when a connection was opened stays so for new connections of this
-        process, until all are closed.
+        If an SQLite file was read-only when a connection was opened, new connections of this process are
+        read-only, too, until all connections are closed.
         """
         if self._is_read_only or self._is_closed:
             record.invalidate()
@@ -137,7 +136,7 @@ class Database:
 
     @contextmanager
     def writing(self, at_most: float = BUSY_SECONDS) -> Iterator[sa.Connection]:
-        """Yield the connection of one transaction: committed after the block, rolled back if it raises.
+        """Yield a connection in a transaction: committed after the block, rolled back if the block raises.
 
         Args:
             at_most: time to wait for locks of other transactions, if shorter than usual [s].
@@ -179,7 +178,7 @@ class Database:
             return [connection.execute(statement).rowcount for statement in statements][-1]
 
     def now(self, connection: sa.Connection) -> datetime:
-        """Return the time by the clock that all programs with this database share."""
+        """Return the time of the clock that all programs which use this database share."""
         if self.dialect == "sqlite":  # all of them run on this machine
             return datetime.now(UTC)
         now: datetime = connection.execute(sa.select(sa.func.now())).scalar_one()
@@ -187,7 +186,10 @@ class Database:
 
     @contextmanager
     def _translate_errors(self) -> Iterator[None]:
-        """Turn errors of the driver into `StoreUnavailableError`; not broken constraints and our mistakes."""
+        """Turn errors of the driver into `StoreUnavailableError`.
+
+        Broken constraints and wrong statements of this program are raised unchanged.
+        """
         if time.monotonic() < self._away_until:
             raise StoreUnavailableError(
                 "the postgresql database does not answer", "check that the server runs, and its address"
@@ -214,14 +216,14 @@ class Database:
             ) from error
 
 
-def inserting(connection: sa.Connection, table: sa.Table) -> Any:  # noqa: ANN401 - of either dialect
+def insert_unless_present(connection: sa.Connection, table: sa.Table) -> Any:  # noqa: ANN401 - of either dialect
     """Return a statement that inserts a row, and does nothing if a row with the same key exists."""
     insert = sqlite.insert if connection.dialect.name == "sqlite" else postgresql.insert
     return insert(table).on_conflict_do_nothing()
 
 
-def engine_of(url: str, connections: int) -> sa.Engine:
-    """Return an engine of SQLAlchemy for a library that keeps its own tables in the same database.
+def make_engine(url: str, connections: int) -> sa.Engine:
+    """Create an engine of SQLAlchemy for a library that has tables of its own in the same database.
 
     Args:
         url: URL of the database.
@@ -243,11 +245,12 @@ def open_existing(url: str) -> Database:
     """
     parsed = _parse_url(url)
     if _DIALECTS[parsed.drivername] == "sqlite" and not sqlite_path_of(parsed).exists():
-        raise StoreError(f"there is no database {parsed.database}", _URLS)
+        raise StoreError(f"the database {parsed.database} does not exist", _URLS)
     return Database.open(url)
 
 
 def _is_in_memory(url: sa.URL) -> bool:
+    """Return whether a URL of SQLite is that of a database in memory."""
     return url.database in {None, "", ":memory:"}
 
 
@@ -303,8 +306,8 @@ def _sqlite_engines(url: sa.URL) -> tuple[sa.Engine, sa.Engine]:
     in_memory = _is_in_memory(url)
     reader = sa.create_engine(
         url,
-        hide_parameters=True,  # an error in the log shows no content of a database
-        isolation_level="AUTOCOMMIT",  # of the driver: `_begin_immediate` begins
+        hide_parameters=True,  # so that an error in the log shows no content of a database
+        isolation_level="AUTOCOMMIT",  # the driver begins no transaction: `_begin_immediate` does
         connect_args={"timeout": BUSY_SECONDS, "check_same_thread": False},
         poolclass=sa.QueuePool,
         # A database in memory exists only in its one connection, which all threads share.
@@ -331,7 +334,7 @@ def _configure_transactions(connection: sqlite3.Connection, _record: object) -> 
 
 
 def _begin_immediate(connection: sa.Connection) -> None:
-    """Begin a transaction with the write lock, within the time `busy_seconds` of the connection."""
+    """Begin a transaction with the write lock; wait for the lock at most the connection's `busy_seconds`."""
     left = connection.get_execution_options()["busy_seconds"]
     is_shorter = left < 0.9 * BUSY_SECONDS
     if is_shorter:
@@ -346,11 +349,11 @@ def _begin_immediate(connection: sa.Connection) -> None:
 def _switch_to_wal(connection: sa.Connection) -> None:
     """Set SQLite's write-ahead log, with which readers and the writer do not block each other.
 
-    The mode is kept in the file. Setting it ignores the busy timeout, so it is tried until another process
-    that opens the same new file has done so.
+    The mode is kept in the file. SQLite does not wait for a lock when the mode is set, so setting is repeated
+    while another process opens the same new file.
 
     Raises:
-        StoreUnavailableError: the file system does not support it.
+        StoreUnavailableError: the file system does not support a write-ahead log.
     """
     deadline = time.monotonic() + BUSY_SECONDS
     while True:
@@ -411,7 +414,7 @@ def _server_options(url: sa.URL) -> str:
 
 
 def _connect_with_deadlines(_dialect: object, _record: object, arguments: Any, parameters: Any) -> object:  # noqa: ANN401 - as SQLAlchemy has them
-    """Connect to PostgreSQL by a connection that does not wait for ever; called by SQLAlchemy."""
+    """Connect to PostgreSQL with a limit of the time for answers; SQLAlchemy calls this function."""
     from jointstiff.service.store.postgresql import PatientConnection  # SQLite does without its driver
 
     return PatientConnection.connect(*arguments, **parameters)
@@ -427,7 +430,7 @@ def _check_encoding(connection: sa.Connection) -> None:
         )
 
 
-_FRESH_SECONDS: Final = 1.0  # validity of a size: a quota may be exceeded by what is posted in this time
+_FRESH_SECONDS: Final = 1.0  # time for which a size is reused; posts in this time may exceed the quota
 _SIZES: Final = {
     # Pages that are free will be used again; the file itself does not shrink.
     "sqlite": "SELECT (page_count - freelist_count) * page_size "
@@ -449,19 +452,19 @@ class Quota:
         self.most = most
         self._database = database
         self._lock = threading.Lock()
-        self._used, self._at = 0, -_FRESH_SECONDS
+        self._used, self._read_at = 0, -_FRESH_SECONDS  # size [bytes], and monotonic time of reading it
 
     def used(self) -> int:
-        """Return the size of the database [bytes], as it was at most a second ago.
+        """Return the size of the database [bytes]; the value may be a second old.
 
         Raises:
             StoreUnavailableError: the database does not answer.
         """
         with self._lock:
-            if time.monotonic() - self._at >= _FRESH_SECONDS:
+            if time.monotonic() - self._read_at >= _FRESH_SECONDS:
                 with self._database.reading() as connection:
                     self._used = int(connection.execute(sa.text(_SIZES[self._database.dialect])).scalar_one())
-                self._at = time.monotonic()
+                self._read_at = time.monotonic()
             return self._used
 
     def refuse_full(self) -> None:

@@ -1,4 +1,4 @@
-"""Jobs: records that change until they end; results of their steps; and the workers that live."""
+"""Records of jobs, which change until the jobs end; results of their steps; heartbeats of workers."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ import sqlalchemy as sa
 from jointstiff.service.problems import DamagedError, Resource
 from jointstiff.service.store.collection import (
     Collection,
+    job_name_columns,
     mark_campaigns_outdated,
-    names_of_job,
     value_of_parent,
 )
-from jointstiff.service.store.database import BUSY_SECONDS, Database, Quota, inserting
+from jointstiff.service.store.database import BUSY_SECONDS, Database, Quota, insert_unless_present
 from jointstiff.service.store.tables import (
     OPEN_STATES,
     JobEntry,
@@ -50,11 +50,11 @@ class JobStatus:
     """State of a job."""
 
     state: str
-    done: int  # units of its work that are done; 0 once it has ended
+    done: int  # number of finished units of work; 0 once the job has ended
 
     @property
     def is_active(self) -> bool:
-        """Return whether the job has not ended."""
+        """True if the job has not ended."""
         return self.state in OPEN_STATES
 
 
@@ -89,7 +89,7 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         return [str(row.id) for row in self._database.rows(sa.select(jobs.c.id).where(self._kind, is_open))]
 
     def start(self, job_id: str, changes: JobChanges) -> None:
-        """Apply changes to a job that starts; nothing happens unless its state is queued."""
+        """Set columns of a job that starts; do nothing unless the job is queued."""
         queued = sa.update(jobs).where(*self._id_conditions(job_id), jobs.c.state == "queued")
         self._database.change(queued.values(**changes))
 
@@ -100,12 +100,12 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         changes: Callable[[JobRecord, int], JobChanges],
         at_most: float = BUSY_SECONDS,
     ) -> bool:
-        """End a job and remove the results of its steps; a job that has ended stays as it is.
+        """End a job and remove the results of its steps; do nothing if the job has ended.
 
         Args:
             job_id: id of the job.
             state: final state of the job.
-            changes: function of the stored record and the number of done units; returns columns to change.
+            changes: function of the stored record and the number of finished units → new values of columns.
             at_most: time to wait for a worker that has the job locked [s].
 
         Returns:
@@ -130,22 +130,22 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         return ended
 
     def _copied_names(self, record: JobRecord, named: Mapping[str, Any]) -> dict[str, str | None]:
-        """Return the names of the job's robot and set, and the text for searches, for a new job."""
+        """Return the columns with copies of names of the job's robot and set, and the search text."""
         measured = "measurement_set_id"
         serial_number = value_of_parent(named, measured, "serial_number")
-        return names_of_job(
+        return job_name_columns(
             record.name, value_of_parent(named, "robot_id"), value_of_parent(named, measured), serial_number
         )
 
     def _mark_campaign_outdated(self, connection: sa.Connection, identifier: str) -> None:
-        """Mark the last campaign of a run's robot as outdated; other jobs have no numbers for it."""
-        numbers = sa.select(jobs.c.robot_id).where(
+        """Mark the last campaign of a run's robot as outdated; do nothing for jobs that are no runs."""
+        robot_of_run = sa.select(jobs.c.robot_id).where(
             *self._id_conditions(identifier), jobs.c.trend.is_not(None)
         )
-        for (robot_id,) in connection.execute(numbers):
+        for (robot_id,) in connection.execute(robot_of_run):
             is_robot = last_campaigns.c.robot_id == robot_id
             if not mark_campaigns_outdated(connection, is_robot):
-                first = inserting(connection, last_campaigns).values(robot_id=robot_id, changes=1)
+                first = insert_unless_present(connection, last_campaigns).values(robot_id=robot_id, changes=1)
                 if connection.execute(first).rowcount == 0:  # another process has inserted the row meanwhile
                     mark_campaigns_outdated(connection, is_robot)
 
@@ -153,19 +153,19 @@ class JobRecords(Collection[JobRecord, JobEntry]):
 class Steps:
     """Results of the steps of jobs that have not ended. Safe to use from several threads and processes.
 
-    Two workers may carry out the same step, for instance when one of them is silent for a while: their
-    numbers are equal, and the first result stays. All results go when their job ends.
+    Two workers may carry out the same step, for instance if one of them sent no heartbeats for a while: their
+    results are equal, and the first is kept. All results of a job are removed when the job ends.
     """
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
     def keep(self, job_id: str, span: tuple[int, int], result: bytes) -> bool:
-        """Store the result of a step, unless it has a result already or the job has ended.
+        """Store the result of a step, unless the step has a result already or the job has ended.
 
         Args:
             job_id: id of the job.
-            span: first unit of the step, and one past the last.
+            span: the step as (first unit of work, one past the last unit).
             result: packed result of the step.
 
         Returns:
@@ -177,10 +177,10 @@ class Steps:
         with self._database.writing() as connection:
             if connection.execute(is_active).first() is None:
                 return False
-            connection.execute(inserting(connection, job_steps).values(row))
+            connection.execute(insert_unless_present(connection, job_steps).values(row))
         return True
 
-    def done(self, job_id: str) -> set[int]:
+    def done_starts(self, job_id: str) -> set[int]:
         """Return the first unit of each step of a job that has a stored result."""
         rows = self._database.rows(sa.select(job_steps.c.start).where(job_steps.c.job_id == job_id))
         return {int(row.start) for row in rows}
@@ -191,7 +191,7 @@ class Steps:
         return [bytes(row.result) for row in self._database.rows(query.order_by(job_steps.c.start))]
 
     def others_begun(self, job_id: str) -> int:
-        """Return the number of other jobs that have begun, that is have results of steps, and not ended."""
+        """Return the number of other jobs that have begun and not ended: only they have results of steps."""
         begun = sa.select(sa.func.count(sa.distinct(job_steps.c.job_id))).where(job_steps.c.job_id != job_id)
         return int(self._database.rows(begun)[0][0])
 
@@ -224,12 +224,12 @@ class Heartbeats:
         return living
 
     def living(self, silence: timedelta) -> list[str]:
-        """Return the names of the executors whose last heartbeat is not older than a time, sorted."""
+        """Return the sorted names of the executors with a heartbeat in the last `silence`."""
         with self._database.reading() as connection:
             return self._living(connection, self._now(connection), silence)
 
     def silent(self, silence: timedelta) -> dict[str, datetime]:
-        """Return executor → last heartbeat, for executors whose last heartbeat is older than a time."""
+        """Return executor → last heartbeat, for executors without a heartbeat in the last `silence`."""
         with self._database.reading() as connection:
             old = heartbeats.c.beat_at < self._now(connection) - silence
             rows = connection.execute(sa.select(heartbeats.c.executor, heartbeats.c.beat_at).where(old)).all()
@@ -249,7 +249,7 @@ class Heartbeats:
 
     def _living(self, connection: sa.Connection, now: datetime, silence: timedelta) -> list[str]:
         """Return the names of the executors with a heartbeat at most `silence` before `now`, sorted."""
-        # Heartbeats in the future do not count, either: after a clock was set back, dead workers would live.
+        # After a clock was set back, heartbeats of dead workers can lie in the future: those do not count.
         living = heartbeats.c.beat_at.between(now - silence, now + silence)
         named = sa.select(heartbeats.c.executor).where(living, heartbeats.c.executor != "")
         rows = connection.execute(named).all()

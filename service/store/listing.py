@@ -1,4 +1,4 @@
-"""Listings of a table: searched, sorted, counted and cut into pages by the database."""
+"""Listings of a table: the database searches, sorts and counts the rows, and cuts them into pages."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from jointstiff.service.store.tables import RecordPage, Row
 
 LAST_SEQUENCE: Final = 2**63 - 1
 _MAX_INDEXED: Final = 500
-"""Characters of an id or a name: PostgreSQL indexes up to 2704 bytes, schemas allow 200."""
+"""Greatest length of an indexed text [characters]: PostgreSQL allows 2704 bytes, schemas 200 characters."""
 _MAX_WORD: Final = 150  # searched characters of a name: four names must fit into an index
 _SEPARATOR: Final = "\x1f"  # between two names; no name has it
 
@@ -24,10 +24,10 @@ class Order:
     """Order, limit and search of a listing."""
 
     limit: int  # greatest number of records, one or more
-    cursor: str | None = None  # `next` of the page before; none for the first page
-    q: str | None = None  # words that are all parts of a name
-    sort: str = "-created_at"  # `created_at` or `name`; with a minus downwards
-    counted: bool = False  # whether to count the records on all pages, at the first one
+    cursor: str | None = None  # `next` of the page before; None for the first page
+    q: str | None = None  # words to search, each a part of a name; None for no search
+    sort: str = "-created_at"  # `created_at` or `name`; in descending order with a minus in front
+    counted: bool = False  # True to count the records of all pages, which is done with the first page
 
     @property
     def is_descending(self) -> bool:
@@ -40,7 +40,7 @@ class Order:
         return self.sort.removeprefix("-") == "name"
 
 
-def page_of(
+def read_page(
     database: Database,
     table: sa.Table,
     rows: sa.Select[Any],
@@ -48,9 +48,9 @@ def page_of(
     where: Iterable[sa.ColumnElement[bool]],
     order: Order,
 ) -> RecordPage[Row]:
-    """Return one page of a table. Records that are added meanwhile do not disturb the next page.
+    """Return one page of a table. Records that are added later do not shift the next page.
 
-    The page is found first by columns of an index alone, and then only its rows are read.
+    A subquery finds the page from columns of an index alone; then only the rows of the page are read.
 
     Args:
         database: database of the table.
@@ -76,18 +76,18 @@ def page_of(
     places = [column.label(f"place_{number}") for number, column in enumerate(ordered)]
     query = rows.add_columns(*places).where(sequence.in_(page)).order_by(*directed)
     shown = [dict(row._mapping) for row in database.rows(query)]
-    at = [tuple(row.pop(place.name) for place in places) for row in shown]
+    positions = [tuple(row.pop(place.name) for place in places) for row in shown]
     is_last = len(shown) <= order.limit
     total = None
     if order.counted and order.cursor is None:
         total = len(shown)
-        if not is_last:  # only the rest must be counted, as the rows before it are known
-            # With `sequence` itself SQLite would read the rows of the rest; with a sum it uses the index.
+        if not is_last:  # only the rows after those read must be counted
+            # With `sequence` itself SQLite would read whole rows; with a sum it uses the index.
             summed = [*ordered[:-1], sequence + 0]
             rest = sa.select(sa.func.count()).select_from(table).where(*conditions)
-            total += int(database.rows(rest.where(_after_record(order, summed, at[-1])))[0][0])
+            total += int(database.rows(rest.where(_after_record(order, summed, positions[-1])))[0][0])
     records = tuple(record(**row) for row in shown[: order.limit])
-    return RecordPage(records, None if is_last else str(at[order.limit - 1][-1]), total)
+    return RecordPage(records, None if is_last else str(positions[order.limit - 1][-1]), total)
 
 
 def _search_conditions(database: Database, words: sa.Column[Any], q: str) -> list[sa.ColumnElement[bool]]:
@@ -97,8 +97,8 @@ def _search_conditions(database: Database, words: sa.Column[Any], q: str) -> lis
     return [find(words, word) > 0 for word in wanted]
 
 
-def words_of(*names: str | None) -> str:
-    """Return the text for the search of names, with case folded; its first name decides the order by name."""
+def search_text_of(*names: str | None) -> str:
+    """Join names, with case folded, to a text for searches; its first name decides the order by name."""
     return _SEPARATOR.join(_fold_case(name or "")[:_MAX_WORD] for name in names)
 
 
@@ -109,7 +109,7 @@ def _fold_case(text: str) -> str:
 def _after_record(
     order: Order, ordered: Sequence[sa.ColumnElement[Any]], last: tuple[object, ...]
 ) -> sa.ColumnElement[bool]:
-    """Return the condition of the records after one, given its values `last` in the columns `ordered`."""
+    """Return the condition of the records after a record with the values `last` in the columns `ordered`."""
     columns, place = sa.tuple_(*ordered), sa.tuple_(*last)
     return columns < place if order.is_descending else columns > place
 

@@ -1,4 +1,4 @@
-"""Documents as the store keeps them: compressed, the numbers of a text in eight bytes each."""
+"""Compression of stored documents; numbers of a JSON text take eight bytes each."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _LEVEL: Final = 6  # level of compression
 def pack_text(text: str) -> bytes:
     """Compress a text; the JSON of a run shrinks to a quarter.
 
-    Numbers of JSON are stored as IEEE doubles in a second stream, if all of them read back as the same text.
-    Frequent words, mostly names of fields, are known in advance (`dictionary.txt`).
+    Numbers of JSON are stored as IEEE doubles in a second stream, if they convert back to the same text.
+    The compression knows frequent words, mostly names of fields, in advance (`dictionary.txt`).
     """
-    pieces = _NUMBER.split(text)  # every second one is a number
+    pieces = _NUMBER.split(text)  # texts and numbers in turn: every second piece is a number
     numbers = list(map(float, pieces[1::2]))
     if _PLACE in text or _format_numbers(numbers) != pieces[1::2]:
         return _pack_words(text)
@@ -41,7 +41,7 @@ def unpack_text(packed: bytes) -> str:
     Raises:
         DamagedError: the content is damaged, or larger than `MOST_BYTES`.
     """
-    words, packed_doubles = _unpack_first(packed)
+    words, packed_doubles = _decompress_first_stream(packed)
     if not packed_doubles:
         return words.decode()
     pieces, doubles = words.decode().split(_PLACE), unpack_bytes(packed_doubles)
@@ -57,7 +57,7 @@ def unpack_bytes(packed: bytes) -> bytes:
     Raises:
         DamagedError: the content is damaged, or larger than `MOST_BYTES`.
     """
-    return _unpack_first(packed)[0]
+    return _decompress_first_stream(packed)[0]
 
 
 def _pack_words(words: str) -> bytes:
@@ -68,12 +68,12 @@ def _pack_words(words: str) -> bytes:
 
 @cache
 def _dictionary() -> bytes:
-    """Return the dictionary of zlib: frequent words. A changed dictionary cannot read earlier texts."""
+    """Return the dictionary of zlib: frequent words. With another dictionary stored texts cannot be read."""
     lines = Path(__file__).with_name("dictionary.txt").read_text(encoding="utf-8").splitlines()
     return "".join(lines).replace("#", _PLACE).encode()
 
 
-def _unpack_first(packed: bytes) -> tuple[bytes, bytes]:
+def _decompress_first_stream(packed: bytes) -> tuple[bytes, bytes]:
     """Decompress the first stream of zlib; return its content, and the bytes after it.
 
     Raises:
@@ -90,7 +90,7 @@ def _unpack_first(packed: bytes) -> tuple[bytes, bytes]:
 
 
 def _format_numbers(numbers: list[float]) -> list[str]:
-    """Return numbers as texts in the form in which pydantic wrote them in the documents."""
+    """Return numbers as texts, formatted as pydantic formats them in the documents."""
     return to_json(numbers)[1:-1].decode().split(",") if numbers else []
 
 

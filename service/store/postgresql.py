@@ -1,4 +1,4 @@
-"""Connections to PostgreSQL that do not wait for ever for a server."""
+"""Connections to PostgreSQL that limit the time to wait for the server."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class PatientConnection(psycopg.Connection[Any]):
     """A connection that is closed once the server has not answered for `ANSWER_SECONDS`."""
 
     def wait(self, gen: Any, interval: float = 0.1, timeout: float | None = None) -> Any:  # noqa: ANN401 - as psycopg has it
-        """Wait for the server's answer, for `ANSWER_SECONDS` by default; without one close the connection.
+        """Wait for the server's answer, by default for `ANSWER_SECONDS`; close the connection if none comes.
 
         Raises:
             SilentServerError: the server did not answer in time.

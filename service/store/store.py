@@ -60,7 +60,7 @@ class Store:
         self.sets = MeasurementSets(
             database, MEASUREMENT_SET, measurement_sets, MeasurementSetRecord, MeasurementSetEntry, self.quota
         )
-        # sets that are measured live, and the entries of their records
+        # Sets that are measured live, and the entries of their records
         self.open_sets = OpenSets(
             database, MEASUREMENT_SET, open_sets, OpenSetRecord, OpenSetRecord, self.quota
         )
@@ -70,11 +70,11 @@ class Store:
             lambda kind: JobRecords(database, kind, self.quota)
         )
         self.steps = Steps(database)  # results of the steps of jobs, until the jobs end
-        self.heartbeats = Heartbeats(database)  # of the workers
+        self.heartbeats = Heartbeats(database)  # signs of life of the workers
         self.keys = AccessKeys(database)
         # sessions of browsers that signed in with a key
         self.sessions = Sessions(database, SESSION_IDLE, SESSION_LONGEST)
-        self.wrong_keys = WrongKeys(database)  # counts by network
+        self.wrong_keys = WrongKeys(database)  # counts of wrong keys for each network
         self.audit = Journal(database, audit, AuditEntry, None)  # all attempts to change something
 
     @classmethod
@@ -84,7 +84,7 @@ class Store:
         Args:
             url: `sqlite:///path`, `postgresql://…`, or `sqlite://` for a database in memory, whose
                 users wait for each other and which is gone when closed.
-            most_bytes: size of the database at which nothing more is added; None for no limit.
+            most_bytes: size of the database at which new resources are refused [bytes]; None for no limit.
 
         Raises:
             StoreError: The URL is not supported, or the tables are those of another version.
@@ -117,12 +117,12 @@ class Store:
         return None if found is None else str(found)
 
     def open_jobs(self, kinds: Ids[str]) -> dict[str, str]:
-        """Return id → name of the kind, of the jobs of some kinds that have not ended."""
+        """Return id of job → name of its kind, for the jobs of some kinds that have not ended."""
         unfinished = sa.select(jobs.c.id, jobs.c.kind).where(jobs.c.kind.in_(kinds), is_open)
         return {str(row.id): str(row.kind) for row in self._database.rows(unfinished)}
 
-    def going_on(self, job_ids: Ids[str]) -> set[str]:
-        """Return which of some jobs, given by their ids, have not ended."""
+    def unfinished_among(self, job_ids: Ids[str]) -> set[str]:
+        """Return those of the ids `job_ids` whose jobs have not ended."""
         unfinished = sa.select(jobs.c.id).where(jobs.c.id.in_(job_ids), is_open)
         return {str(row.id) for row in self._database.rows(unfinished)}
 
@@ -134,7 +134,7 @@ class Store:
         )
         return [TrendEntry(*row) for row in self._database.rows(newest)]
 
-    def sets_of(self, robot_id: str) -> list[MeasurementSetEntry]:
+    def sets_of_robot(self, robot_id: str) -> list[MeasurementSetEntry]:
         """Return the entries of a robot's measurement sets, newest first; without deleted sets."""
         sets = measurement_sets.c
         query = select_fields_of(measurement_sets, MeasurementSetEntry).where(sets.robot_id == robot_id)
@@ -142,7 +142,7 @@ class Store:
         return [MeasurementSetEntry(**row._mapping) for row in self._database.rows(shown)]
 
     def transaction(self) -> AbstractContextManager[sa.Connection]:
-        """Return a context manager of one transaction, in which store and job engine write together."""
+        """Return a context manager of a transaction, in which store and job queue can both write."""
         return self._database.writing()
 
     def schema(self) -> str | None:

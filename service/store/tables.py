@@ -1,7 +1,7 @@
-"""Records of the store, one frozen dataclass a table; and the tables, made of their fields.
+"""Records of the store as frozen dataclasses, one for each table; and the tables, made from the fields.
 
-An *entry* is what a listing shows, all of it columns that are short; a *record* has the contents, too,
-documents as JSON text. Indexes and references are those of the tables.
+An *entry* has the short columns that a listing shows; a *record* also has the contents, documents as JSON
+text.
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ class LastCampaignRecord:
     """The last campaign of a robot, derived from its runs and their sets when the robot is listed."""
 
     robot_id: str
-    changes: int  # of the robot's runs and their sets, counted
-    derived: int | None  # number of changes when the campaign was derived; none if it was not yet
+    changes: int  # number of changes of the robot's runs and their sets
+    derived: int | None  # value of `changes` when the campaign was derived; None before the first time
     campaign: dict[str, Any] | None
 
 
@@ -101,18 +101,18 @@ class MeasurementSetRecord(MeasurementSetEntry):
 class OpenSetRecord:
     """Declaration of a measurement set that is measured live. Its readings are entries of a journal."""
 
-    id: str  # and of the measurement set that it becomes
+    id: str  # also the id of the measurement set after closing
     robot_id: str
     name: str
     created_at: datetime
-    document: Document  # JSON text of what was declared
-    resolved: str | None  # JSON text of what its frame means
-    warnings: str  # JSON list of what was noticed about the frame
+    document: Document  # JSON text of the declaration
+    resolved: str | None  # JSON text of the transform from the frame of the readings to R0
+    warnings: str  # JSON list of findings about the frame
 
 
 @dataclass(frozen=True, slots=True)
 class LiveEntry:
-    """An entry in the record of an open set: an observation, or a decision. One of each kind and label."""
+    """An entry in the record of an open set: an observation, or a decision; each kind and label once."""
 
     set_id: str
     change: str  # `observation`, `withdrawn`, `kept`, `skipped` or `closed`
@@ -155,7 +155,7 @@ class JobEntry(JobRow):
 class JobRecord(JobRow):
     """A job with its result."""
 
-    # What a trend reads of a run that has succeeded; JSON text.
+    # Numbers for the trend of a robot, from a run that has succeeded; JSON text
     trend: Document | None = field(default=None, kw_only=True)
     document: Document  # JSON text of the kind's message
 
@@ -172,7 +172,7 @@ class TrendEntry:
 
 @dataclass(frozen=True, slots=True)
 class IdempotencyKey:
-    """A client's key that makes a repeated post harmless."""
+    """A client's key that lets a repeated post return the first resource instead of creating a second."""
 
     key: str  # the header as it came, any text; the store keeps its hash only
     body_hash: str  # hash of the body that came with it
@@ -180,13 +180,13 @@ class IdempotencyKey:
 
 @dataclass(frozen=True, slots=True)
 class AccessKey:
-    """A key that lets its holder in. The key itself is known to its holder alone."""
+    """An access key. The store has only its hash; the key itself is known to its holder alone."""
 
     id: str
     name: str  # holder of the key, for people
     role: str  # `viewer`, `operator` or `admin`
     key_hash: str
-    """SHA-256 of the key. A slow hash protects what people choose; nobody guesses 256 random bits."""
+    """SHA-256 of the key. A slow hash is not needed: unlike a password, the key has 256 random bits."""
     created_at: datetime
     expires_at: datetime | None
     revoked_at: datetime | None
@@ -216,7 +216,7 @@ class AuditEntry:
     key_name: str | None
     address: str  # where it came from; `terminal` for commands on the database itself
     method: str
-    operation: str | None  # name of the operation; none if the address has none of that method
+    operation: str | None  # name of the operation; None if the address has no operation of this method
     path: str
     status: int
 
@@ -237,17 +237,17 @@ class RecordPage(Generic[Row]):
     """One page of a listing."""
 
     records: tuple[Row, ...]
-    next: str | None  # cursor of the following page; none on the last one
-    total: int | None  # number of records on all pages; none if it was not counted
+    next: str | None  # cursor of the following page; None on the last page
+    total: int | None  # number of records on all pages; None if they were not counted
 
 
 LAYOUT: Final = "0013_year"
-"""Name of the tables as they are here, and of what the documents in them hold; another one with each change.
+"""Version of the tables and of the content of their documents; it gets a new name with each change.
 
-Nothing was released: one layout is made and read, and all others are refused.
+Before the first release only this layout is created and read; databases of other layouts are refused.
 """
 _ADVISORY_LOCK: Final = 0x4A6F696E74  # any number that no other program takes: "Joint"
-_TURN_SECONDS: Final = 60.0  # for other processes that make the tables
+_TURN_SECONDS: Final = 60.0  # time to wait for another process that creates the tables
 
 metadata = sa.MetaData(
     naming_convention={
@@ -259,13 +259,13 @@ metadata = sa.MetaData(
 
 
 class UtcDateTime(sa.TypeDecorator[datetime]):
-    """Column type for times with a time zone, stored as UTC: SQLite has no time zones, PostgreSQL its own."""
+    """Column type for times with a time zone, stored as UTC: SQLite has no time zones."""
 
     impl = sa.DateTime(timezone=True)
     cache_ok = True
 
     def process_bind_param(self, value: datetime | None, _: sa.Dialect) -> datetime | None:
-        """Convert a time with a time zone to UTC; raise ValueError for a time without."""
+        """Convert a time with a time zone to UTC; raise ValueError for a time without time zone."""
         if value is None:
             return None
         if value.tzinfo is None:
@@ -297,7 +297,9 @@ _TYPES: Final[Mapping[Any, type[TypeEngine[Any]] | TypeEngine[Any]]] = MappingPr
 )
 
 
-def _columns(record: type, references: Mapping[str, str], key: str | None = None) -> list[sa.Column[Any]]:
+def _make_columns(
+    record: type, references: Mapping[str, str], key: str | None = None
+) -> list[sa.Column[Any]]:
     """Return a column for each field of a dataclass.
 
     Args:
@@ -334,11 +336,11 @@ def _make_numbered_table(
     Args:
         name: name of the table.
         record: dataclass whose fields are columns.
-        further: columns that are no fields.
+        further: columns that are not fields of the dataclass.
         references: name of a column → column of another table to which it refers.
         indexes: indexes of the table.
     """
-    columns = [*_columns(record, references), *further]
+    columns = [*_make_columns(record, references), *further]
     return sa.Table(
         name,
         metadata,
@@ -354,19 +356,19 @@ def _make_numbered_table(
 
 
 def _index(name: str, *columns: str, where: str | None = None) -> sa.Index:
-    """Return an index by some columns, then `sequence`; only of rows that meet `where`, if given."""
+    """Return an index of some columns, then `sequence`; with `where` only of rows that meet it."""
     condition = None if where is None else sa.text(where)
     ordered = columns if "sequence" in columns else (*columns, "sequence")
     return sa.Index(f"ix_{name}", *ordered, sqlite_where=condition, postgresql_where=condition)
 
 
 def _listing_indexes(name: str, *columns: str, covering: Iterable[str] = ()) -> list[sa.Index]:
-    """Return two indexes, by time and by name, that alone suffice to find a page of a listing.
+    """Return two indexes, in order of time and of name, from which a page is found without reading rows.
 
     Args:
         name: first part of the names of both indexes.
-        columns: columns by which the listing is always filtered.
-        covering: columns by which the listing may be filtered, too.
+        columns: columns that filter every listing.
+        covering: further columns that can filter a listing.
     """
     # For a column of a condition that is not in the index SQLite would read the row.
     covered = [*covering, "deleted_at"]
@@ -377,15 +379,15 @@ def _listing_indexes(name: str, *columns: str, covering: Iterable[str] = ()) -> 
 
 
 def _deletion_index(name: str) -> sa.Index:
-    """Return the index of deleted rows by the time of their deletion."""
+    """Return the index of deleted rows, in order of the time of deletion."""
     return _index(f"{name}_deleted_at", "deleted_at", where="deleted_at IS NOT NULL")
 
 
 def _with_listing_columns(*columns: sa.Column[Any]) -> list[sa.Column[Any]]:
-    """Return some columns, and the two for search and deletion that every listed table has."""
+    """Return the given columns and those that every listed table has: `words` and `deleted_at`."""
     return [
         *columns,
-        sa.Column("words", NAMES, nullable=False),  # names that a search looks through, and the order by name
+        sa.Column("words", NAMES, nullable=False),  # names with case folded, for searches and for sorting
         sa.Column("deleted_at", UtcDateTime, nullable=True),  # hidden from then on, removed later
     ]
 
@@ -412,7 +414,7 @@ robots = _make_numbered_table(
 DUE: Final = "derived IS NULL OR derived < changes"
 """Condition of outdated last campaigns, as the text of their index."""
 
-last_campaigns = sa.Table("last_campaigns", metadata, *_columns(LastCampaignRecord, {}, key="robot_id"))
+last_campaigns = sa.Table("last_campaigns", metadata, *_make_columns(LastCampaignRecord, {}, key="robot_id"))
 sa.Index(
     "ix_last_campaigns_due",
     last_campaigns.c.robot_id,
@@ -449,7 +451,7 @@ open_sets = _make_numbered_table(
 )
 
 _OF_JOBS: Final = ("state", "verdict", "method", "weighting", "elasticity")
-"""Columns with few values by which listings of jobs are narrowed."""
+"""Columns with few different values that filter listings of jobs."""
 
 jobs = _make_numbered_table(
     "jobs",
@@ -464,7 +466,7 @@ jobs = _make_numbered_table(
     },
     indexes=[
         *_listing_indexes("jobs", covering=["kind", *_OF_JOBS]),
-        # By kind, too: to list a kind of few jobs is not to take as long as to list all.
+        # Indexes for each kind, so that listing a kind with few jobs is faster than listing all jobs.
         *_listing_indexes("jobs_kind", "kind", covering=_OF_JOBS),
         _deletion_index("jobs"),
         _index("jobs_open", "kind", where=OPEN),
@@ -489,7 +491,7 @@ job_steps = sa.Table(
     "job_steps",
     metadata,
     sa.Column("job_id", sa.String, primary_key=True),
-    sa.Column("start", sa.Integer, primary_key=True, autoincrement=False),  # its first unit
+    sa.Column("start", sa.Integer, primary_key=True, autoincrement=False),  # first unit of the step
     sa.Column("units", sa.Integer, nullable=False),
     sa.Column("result", sa.LargeBinary, nullable=False),
 )
@@ -505,14 +507,14 @@ wrong_keys = sa.Table(
     "wrong_keys",
     metadata,
     sa.Column("network", sa.String, primary_key=True),
-    sa.Column("number", sa.Float, nullable=False),  # of wrong keys at the time, some forgotten since
+    sa.Column("number", sa.Float, nullable=False),  # count of wrong keys at `counted_at`
     sa.Column("counted_at", UtcDateTime, nullable=False),
 )
 
-access_keys = sa.Table("access_keys", metadata, *_columns(AccessKey, {}, key="id"))
+access_keys = sa.Table("access_keys", metadata, *_make_columns(AccessKey, {}, key="id"))
 
 # A session's key is one of the table above, or of a file of keys.
-access_sessions = sa.Table("access_sessions", metadata, *_columns(SessionRecord, {}, key="token_hash"))
+access_sessions = sa.Table("access_sessions", metadata, *_make_columns(SessionRecord, {}, key="token_hash"))
 
 access_links = sa.Table(
     "access_links",
@@ -536,7 +538,7 @@ def select_fields_of(table: sa.Table, record: type) -> sa.Select[Any]:
     return sa.select(*(table.c[field.name] for field in fields(record)))
 
 
-# Named as Alembic names it, which made the first layouts, and is to make those after the first release.
+# The table has the name that Alembic uses: migrations after the first release will be made with Alembic.
 layouts = sa.Table("alembic_version", metadata, sa.Column("version_num", sa.String(32), primary_key=True))
 
 
@@ -560,11 +562,11 @@ def make_tables(database: Database) -> None:
                     for index in indexes_of(table):
                         connection.execute(CreateIndex(index))
                 if database.dialect == "sqlite":
-                    _state_statistics(connection)
+                    _write_assumed_statistics(connection)
             except DBAPIError as error:
                 raise StoreUnavailableError(
-                    f"the tables cannot be made ({str(error.orig).strip().splitlines()[0][:200]})",
-                    "give a database without tables of other programs, and its user the right to make tables",
+                    f"the tables cannot be created ({str(error.orig).strip().splitlines()[0][:200]})",
+                    "use a database without tables of other programs, and let its user create tables",
                 ) from error
             connection.execute(sa.insert(layouts).values(version_num=LAYOUT))
 
@@ -574,7 +576,7 @@ def indexes_of(table: sa.Table) -> list[sa.Index]:
     return sorted(table.indexes, key=lambda index: str(index.name))
 
 
-_ROWS: Final = 100_000  # of each table, as its statistics say
+_ROWS: Final = 100_000  # assumed number of rows of each table
 _VALUES: Final[Mapping[str, int]] = MappingProxyType(
     {
         **dict.fromkeys(("kind", "state", "verdict", "method", "weighting", "elasticity", "encoders"), 4),
@@ -584,7 +586,7 @@ _VALUES: Final[Mapping[str, int]] = MappingProxyType(
     }
 )
 """Assumed number of different values of columns; all other columns have another value in each row."""
-_FEW: Final = MappingProxyType(
+_ROWS_OF_SMALL_INDEXES: Final = MappingProxyType(
     {
         "ix_jobs_open": 100,
         "ix_last_campaigns_due": 100,
@@ -594,15 +596,15 @@ _FEW: Final = MappingProxyType(
 """Assumed number of rows of indexes that have few rows."""
 
 
-def _state_statistics(connection: sa.Connection) -> None:
-    """Write assumed statistics of a store of usual size, by which SQLite chooses among indexes.
+def _write_assumed_statistics(connection: sa.Connection) -> None:
+    """Write assumed statistics of a store of usual size, from which SQLite chooses the indexes of a query.
 
-    With statistics of their own content, or none, different files would be queried by different plans.
+    So all files are queried with the same plans, whatever they contain.
     """
     connection.exec_driver_sql("ANALYZE")  # creates the table of statistics
     for table in metadata.sorted_tables:
         for index in indexes_of(table):
-            rows = _FEW.get(str(index.name), _ROWS)
+            rows = _ROWS_OF_SMALL_INDEXES.get(str(index.name), _ROWS)
             # `stat`: the number of rows, then of rows equal in the first column, in the first two, …
             equal_counts, equal_rows = [], float(rows)
             for column in index.columns:
@@ -617,18 +619,18 @@ def _state_statistics(connection: sa.Connection) -> None:
 
 
 def _lock_creation(connection: sa.Connection) -> None:
-    """Take PostgreSQL's lock for the creation of the tables, which is held until the transaction ends.
+    """Take the lock for the creation of tables on PostgreSQL; it is released when the transaction ends.
 
     Raises:
-        StoreUnavailableError: another process has held the lock for a minute.
+        StoreUnavailableError: another process has had the lock for a minute.
     """
     deadline = time.monotonic() + _TURN_SECONDS
     lock = sa.text("SELECT pg_try_advisory_xact_lock(:n)")
     while not connection.execute(lock, {"n": _ADVISORY_LOCK}).scalar_one():
         if time.monotonic() > deadline:
             raise StoreUnavailableError(
-                f"another process has been making the tables for {_TURN_SECONDS:.0f} s",
-                "look for a process that hangs, and end it",
+                f"another process has been creating the tables for {_TURN_SECONDS:.0f} s",
+                "end the other process if it hangs, and start again",
             )
         time.sleep(0.05)
 

@@ -11,17 +11,17 @@ from math import isfinite, nan
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
-from jointstiff.service.problems import missing_extra
+from jointstiff.service.problems import explain_missing_library
 from jointstiff.service.tables.table import Sheet, Value
 
 if TYPE_CHECKING:
     import numpy as np
 
 _FORMULA: Final = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20", "\t", "\r")
-"""First characters of a text that a spreadsheet takes for a formula, full-width ones in some languages."""
+"""First characters of texts that a spreadsheet takes for formulas; some languages have full-width ones."""
 _MAX_WIDTH: Final = 40
 _BLOCK: Final = 4096
-"""Rows that are held as text at a time."""
+"""Number of rows that are formatted at a time."""
 _SINGLE_DIGITS: Final = 7
 """Digits of a number in single precision."""
 
@@ -30,14 +30,14 @@ _SEPARATORS: Final = r";\t\n\r\v\f\x1c-\x1e\x85\u2028\u2029"
 _FORMULA_BEHIND: Final = re.compile(
     rf"(?<=[{_SEPARATORS}])(?=(?:[^\S{_SEPARATORS}]|[\"'])*[{re.escape(''.join(_FORMULA))}])"
 )
-"""Places where a formula begins after a character at which some spreadsheets separate cells or rows.
+"""Position before a formula that follows a character at which some spreadsheets separate cells or rows.
 
 A spreadsheet of another language may separate cells at semicolons or tabs, even within quotation marks.
 """
 
 
-def guarded(value: Value) -> Value:
-    """Return a cell; an apostrophe is put before a text that a spreadsheet would run as a formula."""
+def escape_formula(value: Value) -> Value:
+    """Return a cell with an apostrophe before each text that a spreadsheet would run as a formula."""
     if not isinstance(value, str):
         return value
     text = _FORMULA_BEHIND.sub("'", value)
@@ -52,7 +52,7 @@ def csv_text(sheet: Sheet) -> str:
 def csv_parts(sheet: Sheet) -> Iterator[str]:
     """Yield a sheet as CSV in parts, so that a large sheet needs little memory."""
     columns = list(sheet.columns.values())
-    yield csv_rows([[guarded(header) for header in sheet.columns]])
+    yield csv_rows([[escape_formula(header) for header in sheet.columns]])
     for begin in range(0, len(columns[0]) if columns else 0, _BLOCK):
         cells = [_format_csv_cells(column[begin : begin + _BLOCK], sheet.digits) for column in columns]
         yield csv_rows(zip(*cells, strict=True))
@@ -65,13 +65,13 @@ def csv_rows(rows: Iterable[Sequence[Value]]) -> str:
     return text.getvalue()
 
 
-def rows_of(text: str) -> tuple[list[list[str]], bool]:
+def split_table_rows(text: str) -> tuple[list[list[str]], bool]:
     """Split the text of a table; return its rows of cells, and whether commas separate the cells.
 
     Cells are separated by semicolons or tabs if the first line has one, else by commas.
 
     Raises:
-        csv.Error: the text is not a table.
+        csv.Error: the text is not a valid CSV table.
     """
     delimiter = next((sign for sign in ";\t" if sign in text.partition("\n")[0]), ",")
     rows = csv.reader(io.StringIO(text.removeprefix("\ufeff")), delimiter=delimiter)
@@ -79,7 +79,7 @@ def rows_of(text: str) -> tuple[list[list[str]], bool]:
 
 
 def npz_bytes(sheet: Sheet) -> bytes:
-    """Return a sheet as npz in full precision: `headers`, `table` (rows, columns), and each text column."""
+    """Return a sheet as an npz file: `headers`, `table` of numbers (rows, columns), and each text column."""
     import numpy as np
 
     numeric = {header: column for header, column in sheet.columns.items() if header not in sheet.texts}
@@ -95,7 +95,7 @@ def npz_bytes(sheet: Sheet) -> bytes:
 
 
 def xlsx_bytes(sheets: Mapping[str, Sheet]) -> bytes:
-    """Return a workbook of named sheets; numbers have 16 digits.
+    """Return an Excel workbook of sheets by name; numbers have 16 digits.
 
     Raises:
         MissingExtraError: openpyxl is not installed.
@@ -105,15 +105,15 @@ def xlsx_bytes(sheets: Mapping[str, Sheet]) -> bytes:
         from openpyxl.styles import Font
         from openpyxl.utils import get_column_letter
     except ImportError as error:
-        raise missing_extra("an Excel workbook", error) from None
+        raise explain_missing_library("an Excel workbook", error) from None
 
     book = Workbook(write_only=False)
     book.remove(book.worksheets[0])
     for name, sheet in sheets.items():
         page: Any = book.create_sheet(name)
-        page.append([guarded(header) for header in sheet.columns])
+        page.append([escape_formula(header) for header in sheet.columns])
         for row in zip(*sheet.columns.values(), strict=True):
-            page.append([guarded(cell) for cell in row])
+            page.append([escape_formula(cell) for cell in row])
         for place, cell in enumerate(page[1], 1):
             cell.font = Font(bold=True)
             width = min(len(str(cell.value)) + 2, _MAX_WIDTH)
@@ -134,29 +134,27 @@ def _format_csv_cells(column: Any, digits: str) -> Sequence[Value]:  # noqa: ANN
     """Return the cells of a column, numbers formatted by `digits`; NaN and infinity become empty cells."""
     values = _to_list(column)
     if not digits or not isinstance(next((value for value in values if value is not None), ""), float):
-        return [guarded(value) for value in values]
+        return [escape_formula(value) for value in values]
     numbers = [nan if value is None else value for value in values]
-    cells = ("\n".join([f"%{digits}"] * len(numbers)) % tuple(numbers)).split(
-        "\n"
-    )  # one call formats the whole column, which is fast
+    # A single call formats the whole column, which is fast.
+    cells = ("\n".join([f"%{digits}"] * len(numbers)) % tuple(numbers)).split("\n")
     return [cell if isfinite(number) else None for cell, number in zip(cells, numbers, strict=True)]
 
 
 def _to_list(column: Any) -> list[Any]:  # noqa: ANN401 - a sequence or an array
-    """Return the values of a column as a list of Python's own types."""
+    """Return the values of a column as a list of built-in Python types."""
     array: np.ndarray[Any, Any] = column
     if isinstance(column, list | tuple):
         return list(column)
     values: list[Any] = array.tolist()
-    if (
-        array.dtype.itemsize == 4 and array.dtype.kind == "f"
-    ):  # single precision: without digits that the conversion to double adds
+    is_single_precision = array.dtype.itemsize == 4 and array.dtype.kind == "f"
+    if is_single_precision:  # without the digits that the conversion to double precision would add
         return [float(f"{value:.{_SINGLE_DIGITS}g}") for value in values]
     return values
 
 
 def json_text(sheet: Sheet) -> str:
-    """Return a sheet as JSON, column by column: `columns`, each with `name`, `unit` and `values`."""
+    """Return a sheet as JSON: a list `columns`, each with `name`, `unit` and `values`; null for no number."""
     columns = [
         {
             "name": name,
@@ -172,17 +170,19 @@ def json_text(sheet: Sheet) -> str:
 WRITERS: Final[Mapping[str, Callable[[Sheet], str | bytes]]] = MappingProxyType(
     {"csv": csv_text, "npz": npz_bytes, "json": json_text}
 )
-"""Writers of one sheet, by the ending of a file's name."""
+"""Suffix of a file's name → function that writes one sheet in this format."""
 
 
-def written(sheet: Sheet, suffix: str) -> bytes:
-    """Return a sheet as the content of a file with this suffix, a key of `WRITERS`."""
+def write_sheet(sheet: Sheet, suffix: str) -> bytes:
+    """Return a sheet as the content of a file, in the format that the suffix states (csv, npz or json)."""
     content = WRITERS[suffix](sheet)
     return content.encode() if isinstance(content, str) else content
 
 
-def frame_of(sheet: Sheet) -> Any:  # noqa: ANN401 - of pandas or polars, whichever is installed
-    """Return a sheet as a data frame; in pandas the first column is the index if its texts name the rows.
+def make_data_frame(sheet: Sheet) -> Any:  # noqa: ANN401 - of pandas or polars, whichever is installed
+    """Return a sheet as a data frame of pandas, or else of polars.
+
+    In pandas the first column becomes the index if it has texts that are all different.
 
     Raises:
         MissingExtraError: neither pandas nor polars is installed.
@@ -194,7 +194,7 @@ def frame_of(sheet: Sheet) -> Any:  # noqa: ANN401 - of pandas or polars, whiche
         try:
             import polars
         except ImportError as error:
-            raise missing_extra("to_frame", error) from None
+            raise explain_missing_library("to_frame", error) from None
         return polars.DataFrame(columns, strict=False)
     first = next(iter(columns), None)
     names = columns[first] if first is not None else []

@@ -1,4 +1,4 @@
-"""Reports of jobs for people: the verdict first, the request, the parts of its kind, things to do."""
+"""Reports of jobs for people: verdict, request, parts of the job's kind, and things to do."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from jointstiff.solver.text import figure
 class View:
     """Options by which a job is shown: extent, unit of stiffness, and whether actions can be applied."""
 
-    details: bool = False  # whether to show all that the result says
+    details: bool = False  # whether to show the whole result
     unit: StiffnessUnit = UNITS[DEFAULT_UNIT]
-    applies: bool = False  # whether the command that shows it takes `--apply`
+    applies: bool = False  # whether the command that shows the job has the option `--apply`
 
 
 @dataclass(frozen=True)
@@ -48,15 +48,15 @@ METHOD_NAMES: Final = {
 MOST_SHOWN: Final = 3
 """Maximum number of reasons, and of things to do, without `--details`."""
 OVERALL: Final = "overall verdict"
-"""Header of the column of a file that has the verdict on all of it."""
+"""Header of a file's column that repeats the verdict on the whole result."""
 VERDICTS: Final[Mapping[Verdict, str]] = MappingProxyType(
     {"use": "use", "use_with_care": "use with care", "do_not_use": "do not use"}
 )
-"""Words of the verdicts."""
+"""Verdict → words shown for it."""
 _HEAD_STYLES: Final[Mapping[Verdict, Style]] = MappingProxyType(
     {"use": "verdict_use", "use_with_care": "verdict_care", "do_not_use": "verdict_not"}
 )
-"""Styles of the first line of a report."""
+"""Verdict → style of the first line of a report."""
 _STYLES: Final[Mapping[str, Style]] = {"use_with_care": "care", "do_not_use": "bad"}
 _UNEXPLAINED: Final = frozenset({"deflections_unexplained", "residual_outlier"})
 _COVERED_WARNINGS: Final[Mapping[str, frozenset[str]]] = MappingProxyType(
@@ -65,7 +65,7 @@ _COVERED_WARNINGS: Final[Mapping[str, frozenset[str]]] = MappingProxyType(
         "alternative_explains_better": _UNEXPLAINED | {"joint_sign_suspect", "joints_swapped"},
     }
 )
-"""Codes of warnings that a reason, given by its code, covers: such warnings are not shown."""
+"""Code of a reason → codes of warnings that say the same as the reason, and are therefore not shown."""
 
 
 def with_overall_verdict(sheet: Sheet, assessment: Assessment | None) -> Sheet:
@@ -86,12 +86,12 @@ def verdict_line(assessment: Assessment) -> Line:
     if not count and identified is not None and identified != joints:
         rest = "the others have no number that passed the checks"
         return Line(f"Use {identified} of {joints} joints: {rest}", _HEAD_STYLES[verdict])
-    why = counted(count, "reason") if count else support(assessment)
+    why = format_count(count, "reason") if count else describe_passed_checks(assessment)
     return Line(f"{VERDICTS[verdict].capitalize()}: {why}", _HEAD_STYLES[verdict])
 
 
-def support(assessment: Assessment, of: str = "") -> str:
-    """Return in words how many joints passed the checks; `of` follows `joints`, such as ` of its run`."""
+def describe_passed_checks(assessment: Assessment, of: str = "") -> str:
+    """Return in words how many joints passed the checks; `of` says whose joints, such as ` of its run`."""
     identified, count = assessment.joints_identified, assessment.joint_count
     if identified is None:
         return "the checks found no fault"
@@ -99,7 +99,7 @@ def support(assessment: Assessment, of: str = "") -> str:
 
 
 def verdict_lines(assessment: Assessment, *, details: bool) -> list[Line]:
-    """Return lines of the verdict, its reasons and its notes; without details only the worst reasons."""
+    """Return lines with the verdict, its reasons and its notes; without details only the worst reasons."""
     reasons = assessment.reasons
     lines: list[Line] = [verdict_line(assessment)]
     for reason in reasons if details else reasons[:MOST_SHOWN]:
@@ -112,7 +112,10 @@ def verdict_lines(assessment: Assessment, *, details: bool) -> list[Line]:
 
 
 def remedies(assessment: Assessment, *, applies: bool = False) -> list[str]:
-    """Return the remedies of reasons, each once; if `applies`, with the option that applies the action."""
+    """Return the remedies of an assessment's reasons, without repetitions.
+
+    If `applies`, a remedy that a program can carry out names the option `--apply`.
+    """
     kinds = [None if each.action is None else each.action.kind for each in assessment.reasons]
     # `--apply KIND` applies the first action of a kind, so only the remedy of that action names the option.
     suffixes = [
@@ -125,19 +128,19 @@ def remedies(assessment: Assessment, *, applies: bool = False) -> list[str]:
 
 
 def to_do_lines(things: Sequence[str], *, details: bool) -> list[Line]:
-    """Return a numbered list of things to do; without details only the first `MOST_SHOWN`."""
+    """Return a titled and numbered list of things to do; without details only the first `MOST_SHOWN`."""
     shown = things if details else things[:MOST_SHOWN]
     lines: list[Line] = [Line(f"  {number}. {each}") for number, each in enumerate(shown, 1)]
     return [Line("To do", "title"), *lines] if lines else []
 
 
 def warning_lines(assessment: Assessment, warnings: Sequence[Finding], *, details: bool) -> list[Line]:
-    """Return the warnings that no reason states or covers; without details only their number."""
+    """Return lines with the warnings that no reason states or covers; without details only their number."""
     covered: set[str] = {reason.code for reason in assessment.reasons}
     covered = covered.union(*(_COVERED_WARNINGS.get(code, ()) for code in covered))
     rest = [warning for warning in warnings if warning.code not in covered]
     if not details:
-        return [Line(f"  {counted(len(rest), 'warning')} (--details)", "care")] if rest else []
+        return [Line(f"  {format_count(len(rest), 'warning')} (--details)", "care")] if rest else []
     return [
         Line(
             f"warning: {f'{warning.where}: ' if warning.where else ''}{warning.message}; {warning.remedy}",
@@ -149,7 +152,11 @@ def warning_lines(assessment: Assessment, warnings: Sequence[Finding], *, detail
 
 
 def joint_reason_lines(reasons: Iterable[tuple[str, str | None]]) -> list[Line]:
-    """Return the reasons why joints have no number or only a bound; joints with one reason share a line."""
+    """Return a line for each reason why joints have no number or only a bound, with these joints' names.
+
+    Args:
+        reasons: name and reason of each joint; None as the reason for a joint with a number.
+    """
     names: dict[str, list[str]] = {}
     for name, reason in reasons:
         if reason:
@@ -157,13 +164,13 @@ def joint_reason_lines(reasons: Iterable[tuple[str, str | None]]) -> list[Line]:
     return [Line(f"  {', '.join(same)}: {reason}", "dim") for reason, same in names.items()]
 
 
-def counted(count: int, noun: str) -> str:
+def format_count(count: int, noun: str) -> str:
     """Return a count with its noun, in the plural unless the count is 1: `2 reasons`."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def problem_line(problem: Problem) -> Line:
-    """Return an error as text: the place, the reason and the remedy of each fault."""
+    """Return an error as text, with the place, the reason and the remedy of each fault."""
     if len(problem.errors) > 1 or any(item.reason not in problem.detail for item in problem.errors):
         lines = [
             f"{item.where}: {item.reason}" + (f"; {item.remedy}" if item.remedy else "")
@@ -190,11 +197,11 @@ _SHOWN_UNITS: Final[Mapping[str, tuple[float, str]]] = {
     "kN.m": (1.0, "kN·m"),
     "kgf.m": (1.0, "kgf·m"),
 }
-"""Factor and name of the unit in which people see numbers of a unit."""
+"""Unit of a number → factor to the unit in which people see the number, and name of that unit."""
 _STATED_UNIT: Final = re.compile(r"\bin units\.(\w+)")
-"""Words in the description of a field whose unit the request states, with the name of that unit."""
+"""Words such as `in units.length` in the description of a field whose unit the request states."""
 _MAX_CHARACTERS: Final = 300
-"""Most characters of a value in a report; of a longer one only its length and its hash are stated."""
+"""Most characters of a value in a report; a longer value is replaced by its length and its hash."""
 _MAX_LINES: Final = 20
 NOT_STATED: Final = "not stated"
 
@@ -203,11 +210,13 @@ NOT_STATED: Final = "not stated"
 class _Units:
     """Units that a request states, and the kinds of the joints to which its numbers belong."""
 
-    stated: object  # the request's own units; None without
-    kinds: Mapping[str, JointKind]  # by name, in the order of the robot; empty if all turn
+    stated: object  # field `units` of the request; None if the request has none
+    kinds: Mapping[
+        str, JointKind
+    ]  # joint's name → kind, in the order of the robot; empty if all are revolute
 
     def unit_of_field(self, field: FieldInfo) -> _Unit:
-        """Return the unit of a field: fixed, or stated by the request where its description says so."""
+        """Return the unit of a field: from its schema, or from the request if its description says so."""
         text = field.description or ""
         stated = [str(getattr(self.stated, name, None) or "") for name in _STATED_UNIT.findall(text)]
         if stated:
@@ -215,24 +224,24 @@ class _Units:
         return _Unit(field_unit(field), field_unit(field, "unit_of_prismatic") or field_unit(field))
 
     def units_of_joints(self, values: Sequence[float], unit: _Unit) -> list[str] | None:
-        """Return the unit of each value of a field with a value for each joint; None for other fields."""
+        """Return the unit of each value if a field has a value per joint in different units, else None."""
         by_joint = unit.prismatic != unit.revolute and len(values) == len(self.kinds)
         return [unit.for_kind(kind) for kind in self.kinds.values()] if by_joint else None
 
 
 @dataclass(frozen=True)
 class _Unit:
-    """Unit of a number, and that of a prismatic joint, which differs where it belongs to joints."""
+    """Unit of a number of a revolute joint, and of a prismatic joint; the same if no joint is concerned."""
 
     revolute: str
     prismatic: str
 
     def for_kind(self, kind: JointKind | None) -> str:
-        """Return the unit of a number of a joint of a kind."""
+        """Return the unit of a number of a joint of this kind; None is treated as revolute."""
         return self.prismatic if kind == "prismatic" else self.revolute
 
 
-def requested(
+def list_request_fields(
     request: Message, kinds: Mapping[str, JointKind] = MappingProxyType({})
 ) -> list[tuple[str, str]]:
     """Return label and text of each field of a request; a last entry names the fields without a value.
@@ -248,7 +257,13 @@ def requested(
 
 
 def _list_fields(message: Message, units: _Units, within: str) -> Iterator[tuple[str, str]]:
-    """Yield label and text of each field; the text is empty where there is no value."""
+    """Yield label and text of each field of a message; the text is empty if the field has no value.
+
+    Args:
+        message: message whose fields are listed, those of inner messages included.
+        units: units of the request.
+        within: beginning of the labels: the label of the outer field.
+    """
     for name, field in type(message).model_fields.items():
         label, value = f"{within}{name.replace('_', ' ')}", getattr(message, name)
         unit = units.unit_of_field(field)
@@ -264,13 +279,20 @@ def _list_fields(message: Message, units: _Units, within: str) -> Iterator[tuple
 
 
 def _format_short(value: object, unit: _Unit, units: _Units, kind: JointKind | None = None) -> str:
-    """Return a value as text, or the summary of a value whose text is too long."""
+    """Return a value as text; a text that is too long is replaced by its length and hash."""
     text = _format_value(value, unit, units, kind)
     return text if len(text) <= _MAX_CHARACTERS else _summarise(value)
 
 
 def _format_value(value: object, unit: _Unit, units: _Units, kind: JointKind | None = None) -> str:
-    """Return a value of any type as text, numbers with their unit; `kind` is that of the value's joint."""
+    """Return a value of any type as text, numbers with their unit.
+
+    Args:
+        value: message, number, text, or list or dictionary of these.
+        unit: unit of the numbers in the value.
+        units: units of the request.
+        kind: kind of the joint to which the value belongs; None if unknown.
+    """
     if isinstance(value, Message):
         parts = (
             (
@@ -292,10 +314,10 @@ def _format_value(value: object, unit: _Unit, units: _Units, kind: JointKind | N
     if isinstance(value, Sequence) and not isinstance(value, str):
         if value and all(isinstance(part, int | float) and not isinstance(part, bool) for part in value):
             if own := units.units_of_joints(value, unit):
-                alone = (
+                with_units = (
                     _format_value(part, _Unit(one, one), units) for part, one in zip(value, own, strict=True)
                 )
-                return f"({', '.join(alone)})"
+                return f"({', '.join(with_units)})"
             factor, name = _SHOWN_UNITS.get(unit.for_kind(kind), (1.0, unit.for_kind(kind)))
             return f"({', '.join(_format_number(factor * part) for part in value)}) {name}".strip()
         return "; ".join(_format_value(part, unit, units, kind) for part in value)

@@ -10,14 +10,14 @@ from typing import Final, Protocol
 
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.schemas.run import JointResult
-from jointstiff.service.tables.table import NO_NUMBER, Line, concise, rounded
-from jointstiff.solver.text import figure, rounded_down
+from jointstiff.service.tables.table import NO_NUMBER, Line, format_concise, format_rounded
+from jointstiff.solver.text import figure, round_down
 
 
 def lower_limit(joint: JointResult) -> float | None:
     """Return the lower limit of a joint's stiffness in SI units; None without a limit.
 
-    A result that is not to be used has no limit, as its model is refuted.
+    A joint with the verdict `do_not_use` has no limit, as its model is refuted.
     """
     return None if joint.verdict == "do_not_use" else joint.stiffness_at_least
 
@@ -37,13 +37,13 @@ class HasKind(Protocol):
 class StiffnessUnit:
     """A unit of stiffness, or of its inverse."""
 
-    factor: float  # factor from SI units to this one: of a stiffness, or if inverse of a compliance
-    label: str  # as printed
-    inverse: bool = False  # whether compliances are shown
-    sliding: StiffnessUnit | None = None  # the unit of prismatic joints; None in itself
+    factor: float  # factor from SI units to this unit, of a stiffness, or of a compliance if `inverse`
+    label: str  # name as printed
+    inverse: bool = False  # whether compliances are shown instead of stiffnesses
+    sliding: StiffnessUnit | None = None  # the unit for prismatic joints; None if it is this unit
 
-    def of(self, kind: JointKind) -> StiffnessUnit:
-        """Return the unit for joints of a kind: this one, or for prismatic joints `sliding`."""
+    def for_kind(self, kind: JointKind) -> StiffnessUnit:
+        """Return the unit for joints of a kind: `sliding` for prismatic joints, else this unit."""
         return self.sliding if kind == "prismatic" and self.sliding is not None else self
 
     def label_of(self, joints: Iterable[HasKind]) -> str:
@@ -58,13 +58,16 @@ class StiffnessUnit:
         return "compliance" if self.inverse else "stiffness"
 
     def value(self, compliance: float) -> float | None:
-        """Convert a compliance in SI units to this unit; None for a rigid joint, of unlimited stiffness."""
+        """Convert a compliance in SI units to this unit; None for a rigid joint (infinite stiffness)."""
         if self.inverse:
             return self.factor * compliance
         return self.factor / compliance if compliance else None
 
     def uncertainty(self, joint: JointResult) -> float | None:
-        """Return a joint's standard uncertainty in this unit; of stiffness to first order u(k) = u(c) k²."""
+        """Return a joint's standard uncertainty in this unit; None if it is unknown.
+
+        That of a stiffness k = 1/c follows from that of the compliance c to first order: u(k) = u(c) k².
+        """
         if joint.standard_uncertainty is None:
             return None
         if self.inverse:
@@ -74,8 +77,11 @@ class StiffnessUnit:
         return self.factor * joint.standard_uncertainty * joint.stiffness**2
 
     def cells(self, joint: JointResult) -> tuple[str, str, str]:
-        """Return a joint's value, standard uncertainty and interval as texts; if prismatic, with the unit."""
-        if (unit := self.of(joint.kind)) is not self:
+        """Return a joint's value, standard uncertainty and interval as texts, in this unit.
+
+        The value of a prismatic joint is followed by its unit, which differs from that of the column.
+        """
+        if (unit := self.for_kind(joint.kind)) is not self:
             cells = unit.cells(joint)
             return cells[0] if joint.compliance is None else f"{cells[0]} {unit.label}", cells[1], cells[2]
         if joint.compliance is None:
@@ -83,8 +89,8 @@ class StiffnessUnit:
         uncertainty = self.uncertainty(joint)
         value = self.value(joint.compliance)
         return (
-            "rigid" if value is None else rounded(value, uncertainty),
-            "—" if uncertainty is None else rounded(uncertainty, uncertainty),
+            "rigid" if value is None else format_rounded(value, uncertainty),
+            "—" if uncertainty is None else format_rounded(uncertainty, uncertainty),
             self._interval(joint, uncertainty),
         )
 
@@ -92,38 +98,38 @@ class StiffnessUnit:
         """Return a joint's interval as text: `low … high`, a one-sided bound such as `> 3.1`, or a dash."""
         ends = joint.compliance_interval if self.inverse else joint.stiffness_interval
         if ends is not None and ends[1] is not None and joint.stiffness is not None:
-            low, high = (rounded(self.factor * end, uncertainty) for end in (ends[0], ends[1]))
+            low, high = (format_rounded(self.factor * end, uncertainty) for end in (ends[0], ends[1]))
             return f"{low} … {high}"
-        # Without an upper end the one-sided bound is shown, which is above the interval's lower end.
+        # Without an upper end the one-sided bound is shown, which is tighter than the interval's lower end.
         if (least := lower_limit(joint)) is None:
             return "—"
-        bound = rounded_down(least)
+        bound = round_down(least)
         return (
             f"< {figure(self.factor / bound, '.3g')}"
             if self.inverse
             else f"> {figure(self.factor * bound, '.3g')}"
         )
 
-    def concise(self, joint: JointResult) -> Line:
+    def format_concise(self, joint: JointResult) -> Line:
         """Return a joint's value with its standard uncertainty in the last digits: 2.51(12) (GUM, 7.2.2)."""
-        if (unit := self.of(joint.kind)) is not self:
-            line = unit.concise(joint)
+        if (unit := self.for_kind(joint.kind)) is not self:
+            line = unit.format_concise(joint)
             return line if joint.compliance is None else Line(f"{line.text} {unit.label}", line.style)
         value = None if joint.compliance is None else self.value(joint.compliance)
         if value is None:
             return Line(NO_NUMBER if joint.compliance is None else "rigid", "dim")
-        return Line(concise(value, self.uncertainty(joint)), "bad" if value < 0 else "")
+        return Line(format_concise(value, self.uncertainty(joint)), "bad" if value < 0 else "")
 
-    def bare(self, compliance: float | None, kind: JointKind = "revolute") -> str:
+    def format_compliance(self, compliance: float | None, kind: JointKind = "revolute") -> str:
         """Format a compliance in SI units, whose uncertainty is unknown, in this unit."""
         if compliance is None:
             return "—"
-        if (unit := self.of(kind)) is not self:
-            return f"{unit.bare(compliance)} {unit.label}"
+        if (unit := self.for_kind(kind)) is not self:
+            return f"{unit.format_compliance(compliance)} {unit.label}"
         value = self.value(compliance)
         return "rigid" if value is None else figure(value, ".3g")
 
-    def bare_interval(self, ends: tuple[float, float] | None) -> str:
+    def format_compliance_interval(self, ends: tuple[float, float] | None) -> str:
         """Format an interval of compliances in SI units; stiffness has no limit if the lower end is zero."""
         if ends is None or ends[1] <= 0:
             return "—"
@@ -149,5 +155,5 @@ UNITS: Final[Mapping[str, StiffnessUnit]] = MappingProxyType(
         ),
     }
 )
-"""Units by the names of the terminal; the page has the same."""
+"""Name of a unit on the terminal and on the page → unit."""
 DEFAULT_UNIT: Final = "MNm/rad"

@@ -1,4 +1,4 @@
-"""A table as data: columns of values with their units, rounded when the table is rendered."""
+"""Tables as data: columns of values with their units, which are rounded when the table is shown."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 from jointstiff.solver.text import figure
 
 NO_NUMBER = "—"
-"""Shown where there is no number."""
+"""Text shown in place of a missing number."""
 
 
-def rounded(value: float | None, uncertainty: float | None = None, bare: str = ".4g") -> str:
+def format_rounded(value: float | None, uncertainty: float | None = None, bare: str = ".4g") -> str:
     """Format a value to the second digit of its uncertainty; without an uncertainty by the format `bare`."""
     if value is None:
         return NO_NUMBER
@@ -28,17 +28,17 @@ def rounded(value: float | None, uncertainty: float | None = None, bare: str = "
     return figure(round(value, decimals), f".{max(decimals, 0)}f")
 
 
-def concise(value: float, uncertainty: float | None, bare: str = ".4g") -> str:
+def format_concise(value: float, uncertainty: float | None, bare: str = ".4g") -> str:
     """Format a value with its standard uncertainty in the last digits, such as `2.51(12)` (GUM, 7.2.2)."""
-    text = rounded(value, uncertainty, bare)
+    text = format_rounded(value, uncertainty, bare)
     if not uncertainty or not isfinite(uncertainty):
         return text
-    digits = rounded(uncertainty, uncertainty)
+    digits = format_rounded(uncertainty, uncertainty)
     # An uncertainty below 1 is shown without its leading zeros and its decimal point.
     return f"{text}({digits.lstrip('0.') or 0 if float(digits) < 1 else digits})"
 
 
-def percent(share: float | None) -> str:
+def format_percent(share: float | None) -> str:
     """Format a share between 0 and 1 in percent; a dash for None."""
     return NO_NUMBER if share is None else f"{100 * share:.1f} %"
 
@@ -56,7 +56,7 @@ class Line:
 
 
 Show = Callable[[Any], str | Line]
-"""Function that rounds a value and returns it as text."""
+"""Function that formats a value of a column."""
 
 
 @dataclass(frozen=True)
@@ -64,10 +64,10 @@ class Column:
     """A column of values, one for each row."""
 
     name: str
-    values: Sequence[Any]  # numbers in SI units, texts, or what `show` takes
+    values: Sequence[Any]  # numbers in SI units, texts, or other values that `show` formats
     show: Show = str
-    unit: str = ""  # as shown
-    text: bool = False  # whether it has text, which is aligned to the left
+    unit: str = ""  # unit of the numbers as shown
+    text: bool = False  # whether the column has text, which is aligned to the left
     widest: int | None = None  # characters in a line of the terminal; longer text is folded
 
     @property
@@ -87,7 +87,7 @@ class Table:
     columns: Sequence[Column]
     title: str = ""
     caption: str = ""
-    upright: bool = False  # whether rows are shown as columns, as for many quantities of few places
+    upright: bool = False  # whether the table is shown transposed, for many quantities of few places
     plain: bool = False  # whether the terminal leaves out the lines between cells
 
     @property
@@ -96,19 +96,19 @@ class Table:
         return "; ".join(text for text in (self.title, self.caption) if text).replace("\n", " ")
 
     def head(self) -> list[str]:
-        """Return the headers as shown; of an upright table the cells of the first column."""
+        """Return the headers as shown; of an upright table these are the cells of the first column."""
         if not self.upright:
             return [column.header for column in self.columns]
         return [self.columns[0].header, *(cell.text for cell in self.columns[0].cells())]
 
     def rows(self) -> list[list[Line]]:
-        """Return the cells as shown, row by row; of an upright table each row is a column."""
+        """Return the cells as shown, row by row; in an upright table each column is shown as a row."""
         if not self.upright:
             return [list(row) for row in zip(*(column.cells() for column in self.columns), strict=True)]
         return [[Line(column.header), *column.cells()] for column in self.columns[1:]]
 
     def text_columns(self) -> list[int]:
-        """Return the indices of the shown columns with text; of an upright table 0, the column of headers."""
+        """Return the indices of the columns, as shown, with text; in an upright table only 0, the headers."""
         if self.upright:
             return [0]
         return [place for place, column in enumerate(self.columns) if column.text]
@@ -122,17 +122,17 @@ class Table:
 
 @dataclass(frozen=True)
 class Chart:
-    """Numbers by name for a picture: bars of several series side by side. The terminal leaves it out."""
+    """Numbers for a bar chart of several series. The terminal does not show charts."""
 
     title: str
     names: Sequence[str]  # names of the places along the axis
     series: Mapping[str, Sequence[float | None]]  # one number for each place, in SI units; None for none
-    factor: float  # factor from SI to the unit
-    unit: str  # as shown
+    factor: float  # factor from SI units to `unit`
+    unit: str  # unit as shown
     axis: str = "configurations"  # what the places are
-    # by the name of a series: an interval for each place, None for none, an end of None for no limit
+    # name of a series → interval at each place; None for no interval, an end of None for no limit
     intervals: Mapping[str, Sequence[tuple[float | None, float | None] | None]] = field(default_factory=dict)
-    logarithmic: bool = False  # whether numbers of different orders of magnitude stand side by side
+    logarithmic: bool = False  # whether the axis is logarithmic, for numbers of different magnitudes
 
 
 @dataclass(frozen=True)
@@ -144,11 +144,11 @@ class Area:
     y: Sequence[float]
     values: Sequence[float]  # in SI units; NaN where there is no number
     names: tuple[str, str, str]  # of x, y and the values, with the units that are shown
-    factor: float  # factor of the values from SI to the unit
+    factor: float  # factor of the values from SI units to the unit that is shown
 
 
 Part = Table | Line | Chart
-"""A part of what people read of a job: the terminal prints the parts in order, a report sorts them."""
+"""A part of the output about a job: the terminal prints the parts in order, a report sorts them."""
 
 
 @dataclass(frozen=True)
@@ -156,12 +156,17 @@ class Sheet:
     """Columns of raw values for files: their headers carry the unit, such as `force x [N]`."""
 
     columns: Mapping[str, Any]  # columns by header: sequences of values, or arrays (rows,)
-    texts: frozenset[str] = field(default_factory=frozenset)  # headers of the columns that npz holds apart
-    digits: str = ""  # format of numbers in CSV, such as `.10g`; as many as read back the same without
+    texts: frozenset[str] = field(default_factory=frozenset)  # headers of text columns, separate in npz
+    digits: str = ""  # format of numbers in CSV, such as `.10g`; if empty, numbers have full precision
 
     @classmethod
-    def of_joints(cls, sheet: Sheet, kinds: Sequence[JointKind | None]) -> Sheet:
-        """Return a sheet with a row for each joint; if a joint is prismatic, headers state both units."""
+    def with_joint_kinds(cls, sheet: Sheet, kinds: Sequence[JointKind | None]) -> Sheet:
+        """Return a sheet of joints with both units in the headers and a column `kind`, if one is prismatic.
+
+        Args:
+            sheet: sheet with a row for each joint.
+            kinds: kind of the joint of each row; None for a fixed joint.
+        """
         if "prismatic" not in kinds:
             return sheet
         columns: dict[str, Any] = {}
@@ -172,13 +177,13 @@ class Sheet:
         return replace(sheet, columns=columns, texts=sheet.texts | {"kind"})
 
     @classmethod
-    def of_rows(cls, rows: Iterable[Mapping[str, Value]]) -> Sheet:
-        """Build a sheet from rows, which map the same headers to values."""
+    def from_rows(cls, rows: Iterable[Mapping[str, Value]]) -> Sheet:
+        """Build a sheet from rows that all map the same headers to values."""
         listed = list(rows)
         return cls({header: [row[header] for row in listed] for header in (listed[0] if listed else ())})
 
     @classmethod
-    def of_fields(
+    def from_messages(
         cls,
         rows: Sequence[Message],
         columns: Mapping[str, str],
@@ -188,8 +193,8 @@ class Sheet:
 
         Args:
             rows: the messages.
-            columns: path of each field by its header; `force {x y z}` makes a column for each component.
-            units: factor and name of the unit that is shown instead of a field's unit.
+            columns: header → path of the field; `force {x y z}` makes a column for each component.
+            units: unit of a field → factor to the unit that is shown instead, and name of that unit.
         """
         sheet: dict[str, list[Value]] = {}
         for header, path in columns.items() if rows else ():
@@ -224,14 +229,14 @@ def _expand_header(header: str) -> Iterator[tuple[str, tuple[int, ...]]]:
 
 
 def _value_at(row: Message | None, path: str) -> Any:  # noqa: ANN401 - of any field
-    """Return the value of a field of a message by its path, such as `compliance.worst`; None if absent."""
+    """Return the value of the field at a path, such as `compliance.worst`, of a message; None if absent."""
     name, _, rest = path.partition(".")
     value = None if row is None else getattr(row, name)
     return _value_at(value, rest) if rest else value
 
 
 def _component_at(value: Any, place: Sequence[int]) -> Value:  # noqa: ANN401 - of any field
-    """Return the component of a nested list at some indices; a list of texts is joined."""
+    """Return the component of a nested list at `place`, an index per level; a list of texts is joined."""
     for k in place:
         value = None if value is None else value[k]
     return "; ".join(value) or None if isinstance(value, list) else value
@@ -245,7 +250,7 @@ def _unit_at(kind: type[Message], path: str) -> str:
 
 
 def field_unit(field: FieldInfo, key: str = "unit") -> str:
-    """Return the unit that the schema of a field states under a key; empty if it states none."""
+    """Return the unit that the JSON schema of a field states under `key`; empty if it states no unit."""
     return _unit_in_schema(field.json_schema_extra, key) or _find_unit(field.annotation, key)
 
 
@@ -258,7 +263,7 @@ def _find_message_classes(annotation: Any) -> Iterator[type[Message]]:  # noqa: 
 
 
 def _find_unit(annotation: Any, key: str) -> str:  # noqa: ANN401 - a type
-    """Return the unit that a part of a type declares, such as the values of a dictionary; else empty."""
+    """Return the unit that a part of a type annotation declares, as for a dictionary's values; else empty."""
     for part in get_args(annotation):
         is_field = isinstance(part, FieldInfo)
         unit = _unit_in_schema(part.json_schema_extra, key) if is_field else _find_unit(part, key)
@@ -268,7 +273,7 @@ def _find_unit(annotation: Any, key: str) -> str:  # noqa: ANN401 - a type
 
 
 def _unit_in_schema(extra: object, key: str) -> str:
-    """Return the unit under a key of the extra entries of a schema; empty if they have none."""
+    """Return the unit under `key` in the extra entries of a JSON schema; empty if there is no such entry."""
     return str(extra.get(key, "")) if isinstance(extra, Mapping) else ""
 
 
@@ -283,20 +288,20 @@ def text_table(
 
 
 def as_line(shown: str | Line) -> Line:
-    """Return a text as a line without style; a line as it is."""
+    """Return a text as a line without style; return a line unchanged."""
     return shown if isinstance(shown, Line) else Line(shown)
 
 
-def number(form: str, scale: float = 1.0) -> Show:
+def number_formatter(form: str, scale: float = 1.0) -> Show:
     """Return a function that formats a number times a scale: `number(".3f", 1e3)` shows metres in mm."""
     return lambda value: figure(scale * value, form)
 
 
-def numbers(form: str, scale: float = 1.0, between: str = "  ") -> Show:
+def vector_formatter(form: str, scale: float = 1.0, between: str = "  ") -> Show:
     """Return a function that formats the components of a vector times a scale."""
     return lambda values: between.join(figure(scale * value, form) for value in values)
 
 
-def ends(form: str, scale: float = 1.0, between: str = " to ") -> Show:
-    """Return a function that formats an interval, a pair of ends times a scale; None means no limit."""
+def interval_formatter(form: str, scale: float = 1.0, between: str = " to ") -> Show:
+    """Return a function that formats the two ends of an interval times a scale; None means no limit."""
     return lambda pair: between.join("no limit" if end is None else figure(scale * end, form) for end in pair)

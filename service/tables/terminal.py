@@ -1,4 +1,4 @@
-"""The terminal that parts are printed on: console, tables, errors, and the bar of progress."""
+"""Output on the terminal: console, tables, errors, and progress bar."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from jointstiff.service.tables.table import Chart, Line, Part, Table
 
 _NARROWEST = 80
 _NARROW: Final = 16
-"""Characters in a line of a column of text that a narrow terminal leaves at least."""
+"""Least width of a column of text on a narrow terminal, in characters."""
 _INDENT: Final = re.compile(r"^ *(?:\d+\. )?")
 _STYLES: Final = {
     "": "",
@@ -40,7 +40,7 @@ _STYLES: Final = {
 
 
 def console(*, stderr: bool = False) -> Console:
-    """Return a console at least 80 characters wide, which does not colour numbers by itself."""
+    """Return a console at least 80 characters wide, which does not highlight numbers."""
     output = Console(stderr=stderr, highlight=False)
     # Numbers cut short by a narrow terminal mislead; wrapped lines do not.
     return Console(stderr=stderr, highlight=False, width=max(output.width, _NARROWEST))
@@ -48,7 +48,7 @@ def console(*, stderr: bool = False) -> Console:
 
 @contextmanager
 def progress_bar(*, shown: bool) -> Iterator[Callable[[Progress], None]]:
-    """Show a progress bar on the standard error if `shown`; yield the function that updates the bar."""
+    """Show a progress bar on the standard error if `shown`; yield the function that takes each progress."""
     if not shown:
         yield lambda _: None
         return
@@ -60,24 +60,24 @@ def progress_bar(*, shown: bool) -> Iterator[Callable[[Progress], None]]:
 
 
 def new_bar() -> ProgressBar:
-    """Return a bar on the standard error, with the time left; it vanishes when it stops."""
+    """Return a progress bar with the time left, on the standard error; it vanishes when it is stopped."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     return ProgressBar(*columns, console=console(stderr=True), transient=True)
 
 
 def problem_text(problem: Problem) -> Text:
-    """Lay out an error for the terminal."""
+    """Lay out an error for the terminal: place, reason and remedy of each fault."""
     return _style_line(problem_line(problem))
 
 
-def printed(parts: Sequence[Part]) -> RenderableType:
+def lay_out_parts(parts: Sequence[Part]) -> RenderableType:
     """Lay out parts for the terminal, without charts; text is never interpreted as markup."""
     shown = (part for part in parts if not isinstance(part, Chart))
     return Group(*(_lay_out_line(part) if isinstance(part, Line) else _FittedTable(part) for part in shown))
 
 
 def _lay_out_line(line: Line) -> RenderableType:
-    """Lay out a text of one or more lines; a wrapped line goes on below its first word."""
+    """Lay out a text of one or more lines; where a line wraps, its indentation is repeated."""
     return Group(*(_lay_out_indented(Line(text, line.style)) for text in line.text.split("\n")))
 
 
@@ -95,15 +95,16 @@ def _lay_out_indented(line: Line) -> RenderableType:
 
 @dataclass(frozen=True)
 class _FittedTable:
-    """A table in the first layout that fits: with lines, without lines, or with folded headers in parts.
+    """A table in the first layout that fits the terminal.
 
-    Texts are folded if necessary. Numbers never are, as a number that is cut short misleads.
+    The layouts are: with lines between the cells; without lines; with folded headers and split into parts of
+    some columns each. Texts are folded if necessary, numbers never, as a number in two pieces misleads.
     """
 
     table: Table
 
     def __rich_console__(self, _: Console, options: ConsoleOptions) -> Iterator[RichTable]:
-        """Yield the table, or its parts, each with some of the columns."""
+        """Yield the table in one piece, or in parts with some of the columns each."""
         head, width = self.table.head(), options.max_width
         places = range(len(head))
         rows = self.table.rows()
@@ -112,10 +113,12 @@ class _FittedTable:
         texts = self.table.text_columns()
         most = [_NARROW if place in texts else width - _NARROW - 1 for place in places]
 
-        def least_widths(head: Sequence[str]) -> list[int]:
-            return [min(most[place], max(cells[place], _text_width(head[place]))) for place in places]
+        def least_widths(headers: Sequence[str]) -> list[int]:
+            """Return the least width of each column under these headers, in characters."""
+            return [min(most[place], max(cells[place], _text_width(headers[place]))) for place in places]
 
-        # Lines take three characters for each column and one more; without lines one is between columns.
+        # With lines a table needs three more characters for each column, and one; without lines, one blank
+        # between two columns.
         if not self.table.plain and sum(least_widths(head)) + 3 * len(head) + 1 <= width:
             yield self._build_table(head, places, plain=False)
         elif sum(least_widths(head)) + len(head) - 1 <= width:
@@ -136,7 +139,7 @@ class _FittedTable:
         first: bool = True,
         last: bool = True,
     ) -> RichTable:
-        """Return a table of some of the columns; the first part has the title, the last part the caption."""
+        """Return a table of the columns with indices `places`; `first` has the title, `last` the caption."""
         table, texts = self.table, self.table.text_columns()
         layout: dict[str, Any] = {"box": SIMPLE_HEAD, "padding": 0, "show_edge": False} if plain else {}
         rich: RichTable = RichTable(
@@ -159,6 +162,7 @@ class _FittedTable:
 
 
 def _style_line(line: Line) -> Text:
+    """Return the text of a line in the terminal's style for it; the text is not interpreted as markup."""
     return Text(line.text, style=_STYLES[line.style])
 
 
@@ -168,7 +172,7 @@ def _text_width(text: str) -> int:
 
 
 def _fold_header(header: str, width: int) -> str:
-    """Fold a header between words to the width of its cells; the unit gets a line of its own."""
+    """Fold a header between words to the width of its cells; the unit is put on a separate line."""
     name, bracket, unit = header.partition(" [")
     longest = max(map(cell_len, [*name.split(), bracket.strip() + unit]))
     lines = wrap(name, max(width, longest, 1), break_long_words=False)
@@ -176,7 +180,10 @@ def _fold_header(header: str, width: int) -> str:
 
 
 def _distribute_columns(widths: Sequence[int], width: int) -> list[list[int]]:
-    """Distribute columns to parts that fit a width; return their indices. Each part begins with column 0."""
+    """Distribute columns to parts that fit a width; return the indices of the columns of each part.
+
+    Each part begins with column 0, which names the rows.
+    """
     parts = [[0]]
     for place in range(1, len(widths)):
         if sum(widths[i] + 1 for i in parts[-1]) + widths[place] > width:

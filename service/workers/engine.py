@@ -23,34 +23,34 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from jointstiff.service.jobs import PARTS_AT_ONCE, Part
 from jointstiff.service.problems import StoreError
-from jointstiff.service.store.database import engine_of
+from jointstiff.service.store.database import make_engine
 from jointstiff.service.store.store import Store
 
 ATTEMPTS: Final = 5
-"""Deaths of workers over one part of a job, without a step that was kept, after which the job is given up."""
+"""Deaths of workers over one part of a job, without a finished step, after which the job is given up."""
 LATER_SECONDS: Final = 60.0
-"""Time until a part of a job of a kind that only another version knows is offered again [s]."""
+"""Time until a part is offered again if only another version of the program knows its kind of job [s]."""
 _APPLICATION: Final = "jointstiff"
 _QUEUE: Final = "jointstiff-jobs"
-_VERSION: Final = "1"  # workers continue each other's parts only if they have the same version: here all do
-_POLL_SECONDS: Final = 0.2  # between two looks for a part
-_PATIENCE_SECONDS: Final = 10  # time for which newer jobs go before the next part of a job that has begun
+_VERSION: Final = "1"  # the same for all workers, because DBOS hands parts only to workers of one version
+_POLL_SECONDS: Final = 0.2  # time between two queries for a part
+_PATIENCE_SECONDS: Final = 10  # time for which newer jobs take precedence over a job that has begun
 _EPOCH: Final = 1_760_000_000  # Unix time of priority 0 [s]: DBOS takes priorities below 2³¹
 _CONNECTIONS: Final = 6
 _PAGE_SIZE: Final = 1_000  # rows of DBOS in one query
-_MAX_PAGES: Final = 20  # queries at a look: parts of unfinished jobs are not removed, and may fill some pages
+_MAX_PAGES: Final = 20  # most pages in one call: parts of unfinished jobs remain, and may fill some pages
 _GIVEN_UP: Final = ["MAX_RECOVERY_ATTEMPTS_EXCEEDED", "ERROR", "CANCELLED"]
 
 
 def _refuse_pickle(cls: DefaultSerializer, serialized_data: str) -> NoReturn:  # noqa: ARG001 - DBOS's names
-    """Refuse to read a pickled object, whose code would be run."""
+    """Refuse to read a pickled object, because unpickling runs code of the object."""
     raise ValueError("a row of the queue has a pickled object; pickled objects are not read")
 
 
-# DBOS reads rows that are marked as pickles with this class, whatever serializer was chosen: anyone who can
-# write to the database could run code in the workers.
+# Whatever serializer is chosen, DBOS uses this class to read rows that are marked as pickles. Unchanged, it
+# would let anyone who can write to the database run code in the workers.
 DefaultSerializer.deserialize = _refuse_pickle  # type: ignore[method-assign]
-# DBOS logs what it retries, and at each start that a cloud service exists.
+# DBOS logs every retry, and at each start an advertisement of its cloud service.
 logging.getLogger("dbos").setLevel(logging.CRITICAL)
 _logger = logging.getLogger(__name__)
 
@@ -70,7 +70,7 @@ class Queue:
         """
         self._store = store
         self._schema = store.schema() or "dbos"  # SQLite has no schemas: DBOS ignores the name
-        self._engine = engine_of(database, _CONNECTIONS)
+        self._engine = make_engine(database, _CONNECTIONS)
         try:
             DBOS.migrate(self._engine.url.render_as_string(hide_password=False), schema=self._schema)
             self._client = DBOSClient(
@@ -98,11 +98,11 @@ class Queue:
         """Add the first part of a new job, in the transaction that stores the job."""
         self._add_part(connection, Part(job_id, 0, 0), turn=_priority_now())
 
-    def leave(self, job_id: str, parts: Iterable[Part]) -> None:
+    def add_following_parts(self, job_id: str, parts: Iterable[Part]) -> None:
         """Add parts of a job that has begun; a part that was added before is not added again.
 
-        Newer jobs go first for a while, which is longer the more jobs have begun: small jobs do not wait for
-        large ones, and large ones go on however many small ones come.
+        Newer jobs take precedence for a time that is proportional to the number of jobs that have begun. So
+        small jobs do not wait for large jobs, and large jobs continue however many small jobs arrive.
         """
         turn = _priority_now() + _PATIENCE_SECONDS * (1 + self._store.steps.others_begun(job_id))
         with self._store.transaction() as connection:
@@ -110,12 +110,12 @@ class Queue:
                 self._add_part(connection, part, turn=turn)
 
     def offer_later(self, part: Part) -> None:
-        """Offer a part again after `LATER_SECONDS`: only another version knows the kind of its job."""
+        """Offer a part to all workers again after `LATER_SECONDS`."""
         with self._store.transaction() as connection:
             self._add_part(connection, part, turn=_priority_now(), later=LATER_SECONDS)
 
     def others_wait(self, job_id: str) -> bool:
-        """Return whether parts of other jobs wait for a worker; true if the database does not answer."""
+        """Return whether parts of jobs other than `job_id` wait for a worker; true if the database fails."""
         try:
             waiting = self._list_rows(limit=PARTS_AT_ONCE + 1, status="ENQUEUED")
         except SQLAlchemyError:
@@ -123,21 +123,21 @@ class Queue:
         return any(job_of(each.workflow_id) != job_id for each in waiting)
 
     def pending(self) -> dict[str, str]:
-        """Return the parts that workers have claimed and not ended: part's id → worker's name."""
+        """Return part's id → worker's name for the parts that workers have claimed and not finished."""
         return {each.workflow_id: str(each.executor_id) for each in self._list_rows(status="PENDING")}
 
     def hand_over(self, parts: Iterable[str]) -> None:
-        """Offer claimed parts, by their ids, to all workers again; no worker's death is counted for them."""
-        if some := list(parts):
-            self._client.resume_workflows(some, queue_name=_QUEUE)
+        """Offer claimed parts, given by ids, to all workers again, without counting a worker's death."""
+        if part_ids := list(parts):
+            self._client.resume_workflows(part_ids, queue_name=_QUEUE)
 
     def find_given_up_jobs(self) -> dict[str, bool]:
-        """Return jobs with a part that will not be offered again: job's id → whether workers died over it."""
+        """Return job's id → whether too many workers died over a part, for jobs with a part given up."""
         found = self._list_pages(status=_GIVEN_UP)
         return {job_of(each.workflow_id): each.status == _GIVEN_UP[0] for page in found for each in page}
 
     def find_unknown_jobs(self, job_ids: Collection[str]) -> set[str]:
-        """Return the ids of jobs that have no first part: it was never added, or was removed by hand."""
+        """Return those of `job_ids` whose first part is not in the queue: never added, or removed by hand."""
         if not job_ids:
             return set()
         firsts = [_part_id(Part(job_id, 0, 0)) for job_id in job_ids]
@@ -145,25 +145,25 @@ class Queue:
         return set(job_ids) - {job_of(each.workflow_id) for each in known}
 
     def remove_ended_parts(self, going_on: Callable[[Collection[str]], set[str]]) -> None:
-        """Remove ended parts of jobs that have ended.
+        """Remove the finished parts of finished jobs from the queue.
 
         Args:
-            going_on: takes ids of jobs, and returns the ids of the jobs that have not ended.
+            going_on: function that takes ids of jobs, and returns the ids of the unfinished jobs among them.
         """
         for page in list(self._list_pages(status=["SUCCESS", *_GIVEN_UP])):
             ended = [each.workflow_id for each in page]
             open_jobs = going_on({job_of(part) for part in ended})
-            if over := [part for part in ended if job_of(part) not in open_jobs]:
-                self._client.delete_workflows(over)
+            if removable := [part for part in ended if job_of(part) not in open_jobs]:
+                self._client.delete_workflows(removable)
 
     def _add_part(self, connection: Connection, part: Part, *, turn: int, later: float | None = None) -> None:
         """Add a part to the queue.
 
         Args:
             connection: connection of a transaction of the store.
-            part: part to add; DBOS ignores a part whose id it has already.
-            turn: priority: the least goes first, of equal ones the part that was added first.
-            later: time until the part is offered [s]; it is added under a new id then.
+            part: part to add; DBOS ignores a part whose id is already in the queue.
+            turn: priority: the least number comes first; of parts with equal numbers the one added first.
+            later: time until the part is offered [s], under a new id; None to offer it at once.
         """
         options: EnqueueOptions = {
             "queue_name": _QUEUE,
@@ -177,7 +177,7 @@ class Queue:
         self._client.enqueue_in_transaction(connection, options, part.job_id, part.number, part.kept)
 
     def _list_pages(self, **filters: Any) -> Iterator[list[Any]]:  # noqa: ANN401 - what DBOS takes
-        """Yield the rows of DBOS that match filters in pages, oldest first, at most `_MAX_PAGES` of them."""
+        """Yield pages of the rows of DBOS that match filters, oldest first, at most `_MAX_PAGES` pages."""
         for number in range(_MAX_PAGES):
             page = self._list_rows(offset=number * _PAGE_SIZE, **filters)
             yield page
@@ -201,7 +201,7 @@ class Engine(Queue):
             store: store of the jobs; the caller closes it.
             database: URL of the store.
             executor: name of this worker, which no other process has or had.
-            carry_out: function that carries out a part, and raises nothing.
+            carry_out: function that carries out a part, and handles all errors itself.
 
         Raises:
             StoreError: the tables cannot be created or used.
@@ -229,7 +229,7 @@ class Engine(Queue):
             """Carry out a part that DBOS has claimed for this process."""
             name, part = str(DBOS.workflow_id), Part(job_id, number, kept)
             if self._is_stopping.is_set():
-                # `stop` offers this part to other workers. Until this thread ends, DBOS claims none.
+                # `stop` offers this part to other workers. While this thread waits, DBOS claims no other.
                 self._is_closed.wait()
                 return
             self._clocks[name] = _clock_of_thread()
@@ -250,7 +250,7 @@ class Engine(Queue):
     def stop(self) -> None:
         """Begin no further part, and offer the parts that this process claimed to other workers.
 
-        A part under way is not waited for. DBOS itself would take seconds to stop its threads.
+        A running part is not waited for. DBOS itself would take seconds to stop its threads.
         """
         self._is_stopping.set()
         for _ in range(2):  # a part may be claimed while others are being offered
@@ -259,13 +259,13 @@ class Engine(Queue):
             self._is_closed.wait(2.0 * _POLL_SECONDS)
 
     def close(self) -> None:
-        """End DBOS in this process, and disconnect; a part under way is not waited for."""
+        """End DBOS in this process, and disconnect from the database; a running part is not waited for."""
         DBOS.destroy(workflow_completion_timeout_sec=0)
         self._is_closed.set()
         super().close()
 
     def active(self) -> dict[str, float]:
-        """Return the parts that this process carries out: part's id → processor time of its thread [s]."""
+        """Return part's id → processor time of its thread [s], for the parts running in this process."""
         used = {}
         for name, clock in list(self._clocks.items()):
             with suppress(OSError):  # the thread has ended meanwhile
@@ -273,27 +273,31 @@ class Engine(Queue):
         return used
 
     def recover(self, executors: Iterable[str]) -> None:
-        """Offer the parts that dead workers had claimed to all workers; count a death for each part."""
+        """Offer the parts that dead workers had claimed to all workers; count a death for each part.
+
+        Args:
+            executors: names of the dead workers.
+        """
         if dead := list(executors):
             DBOS._recover_pending_workflows(dead)  # DBOS's own cloud service makes this call
 
 
 def _clock_of_thread() -> int | None:
-    """Return the clock of this thread's processor time; None where the system has none."""
+    """Return the id of the clock of this thread's processor time; None if the system has no such clock."""
     clock = getattr(time, "pthread_getcpuclockid", None)
     return None if clock is None else int(clock(threading.get_ident()))
 
 
 def job_of(part: str) -> str:
-    """Return the id of the job that a part belongs to, by the part's id."""
+    """Return the id of a part's job, which is the beginning of the part's id."""
     return part.partition("-")[0]
 
 
 def _part_id(part: Part) -> str:
-    """Return a part's id, by which DBOS counts starts: each kept step changes it and begins a new count."""
+    """Return a part's id. DBOS counts starts by id: each stored step changes the id, so counts begin anew."""
     return f"{part.job_id}-{part.number:06}-{part.kept}"
 
 
 def _priority_now() -> int:
-    """Return the present time as a priority, in seconds since `_EPOCH`."""
+    """Return the priority of a part that is added now: seconds since `_EPOCH`."""
     return int(time.time()) - _EPOCH

@@ -17,11 +17,11 @@ from jointstiff.service.process import ONE_THREAD
 
 DATABASE_VARIABLE: Final = "JOINTSTIFF_DATABASE"
 """Environment variable in which a worker finds the URL of the store."""
-_SHORT_LIFE_SECONDS: Final = 60.0  # reading its libraries alone takes ten on a busy machine
+_SHORT_LIFE_SECONDS: Final = 60.0  # on a busy machine, loading the libraries alone takes ten seconds
 _PAUSE_SECONDS: Final = 2.0
 _LONGEST_PAUSE_SECONDS: Final = 60.0
 _FAILING: Final = 2
-"""Number of short lives in succession from which on a worker counts as failing."""
+"""Number of short lives in succession after which a worker is regarded as failing."""
 _END_SECONDS: Final = 10.0
 _START_SECONDS: Final = 120.0
 _SILENCE_SECONDS: Final = 45.0
@@ -31,15 +31,15 @@ _logger = logging.getLogger(__name__)
 
 
 def pause_after(short_lives: int) -> float:
-    """Return the pause [s] before a worker is started again, which doubles with each short life.
+    """Return the pause [s] before a worker is started again after `short_lives` early ends in succession.
 
-    A worker that cannot start, because memory or its database is missing, must not keep a processor busy.
+    The pause doubles each time, as a worker that cannot start must not keep a processor busy.
     """
     return min(_PAUSE_SECONDS * 2.0 ** min(short_lives - 1, 10), _LONGEST_PAUSE_SECONDS)
 
 
 def process_name(name: str) -> str:
-    """Return a unique name for a new process of a worker: its name and random digits.
+    """Return a unique name for a new process of a worker: the worker's name and random digits.
 
     Two machines may have the same host name, and a process must not take over the parts of another one.
     """
@@ -100,7 +100,7 @@ class Supervisor:
 
     @property
     def failing(self) -> int:
-        """Return the number of workers that end soon after each start."""
+        """Number of workers that repeatedly end soon after their start."""
         now, alive_since = time.monotonic(), dict(self._alive_since)
         return sum(
             lives >= _FAILING and now - alive_since.get(name, now) < _SHORT_LIFE_SECONDS
@@ -108,12 +108,12 @@ class Supervisor:
         )
 
     def _keep_worker_running(self, database: str, name: str) -> None:
-        """Keep a worker of this name running."""
+        """Start a worker of this name again whenever it ends, until the supervisor stops."""
         while not self._stopping.is_set():
             began = self._alive_since[name] = time.monotonic()
             try:
                 self._run_worker(database, name)
-            except Exception:  # such as no memory or no thread: the worker is needed all the same
+            except Exception:  # such as a lack of memory: the worker is needed nevertheless
                 _logger.warning("cannot start worker %s; trying again", name, exc_info=True)
             self._alive_since.pop(name)
             if time.monotonic() - began >= _SHORT_LIFE_SECONDS:
@@ -134,7 +134,7 @@ class Supervisor:
             process_group=0,  # Ctrl-C must reach only the service, which ends its workers
         ) as process:
             self._processes[name] = process
-            if self._stopping.is_set():  # it was started while all others were being ended
+            if self._stopping.is_set():  # the process was started while `__exit__` ended the others
                 process.terminate()
             status = self._wait_for_end(process, executor)
         if not self._stopping.is_set():
@@ -143,9 +143,9 @@ class Supervisor:
             self._forget(executor)
 
     def _wait_for_end(self, process: subprocess.Popen[bytes], executor: str) -> int:
-        """Wait for the end of a worker, and end it if it shows no sign of life; return its exit status.
+        """Wait for the end of a worker, and kill it if it shows no sign of life; return its exit status.
 
-        The signs of life do not pass through the database, which a suspended worker may have locked.
+        Signs of life come through a pipe, not the database, which a suspended worker may have locked.
         """
         signs, pause = process.stdout, self._start
         while signs is not None and select.select([signs], [], [], pause)[0]:

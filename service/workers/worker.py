@@ -29,20 +29,20 @@ from jointstiff.service.tables.terminal import console
 from jointstiff.service.workers.engine import ATTEMPTS, Engine, Queue
 
 _KNOWN: Final = [kind.name for kind in KINDS]  # jobs of other kinds are left to workers of other versions
-_REMOVED: Final = 20  # most deleted records of each kind that one look removes
-_DERIVED: Final = 20  # most robots whose last campaign one look renews
+_REMOVED: Final = 20  # most deleted records of each kind removed in one call of `Recovery.look`
+_DERIVED: Final = 20  # most robots whose summary is renewed in one call of `Recovery.look`
 _FIRST_PAUSE: Final = 0.1
 _LONGEST_PAUSE: Final = 5.0
 _MAX_STALLED_LOOKS: Final = 4
-"""Looks in succession between which a part took no processor time, so that its thread counts as frozen."""
+"""Successive looks without processor time of a part after which its thread is regarded as frozen."""
 
 
 class FrozenError(Exception):
-    """The thread that carries out a part neither computes nor ends."""
+    """The thread that carries out a part of a job neither computes nor ends."""
 
 
 class Recovery:
-    """Recovery of jobs of dead workers, which each worker runs at every heartbeat. Repeating it is safe."""
+    """Recovery of jobs of dead workers, run by each worker at every heartbeat. Repeating it is safe."""
 
     def __init__(
         self,
@@ -68,7 +68,8 @@ class Recovery:
         self._heartbeats = heartbeats or store.heartbeats
         self._now = now
         self._trends = Trends(store)
-        # Found by the last look: silent workers, processor times of parts, and parts that nobody carries out.
+        # State at the last look: silent workers → time of their last heartbeat, processor times of parts by
+        # id, and ids of parts that are claimed by this worker but not being carried out.
         self._silent: dict[str, datetime] = {}
         self._active: dict[str, float] = {}
         self._idle: set[str] = set()
@@ -80,21 +81,23 @@ class Recovery:
         return time.monotonic() - self._looked_at
 
     def look(self) -> None:
-        """Show a sign of life if the part under way makes progress, and recover jobs of dead workers.
+        """Store a heartbeat if the running part makes progress, and recover jobs of dead workers.
 
         Raises:
-            FrozenError: the part under way has made no progress for `_MAX_STALLED_LOOKS` looks.
+            FrozenError: the running part has made no progress for `_MAX_STALLED_LOOKS` looks.
             StoreUnavailableError: the database does not answer; look again later.
         """
         self._looked_at = time.monotonic()
         if self._is_stalled():
             return
-        pending = self._engine.pending()  # read first: its workers have shown a sign of life by then
+        # Claims are read before the heartbeats: a worker stores a heartbeat before it claims a part.
+        pending = self._engine.pending()
         living = self._heartbeats.beat(self._executor)
         self._offer_idle_parts(pending)
         if not living or living[0] != self._executor:  # only the first living worker recovers; one is enough
             return
-        # After an outage all others are silent at the first look. Lost are those silent at the second, too.
+        # After an outage of the database all other workers seem silent at the first look. Only workers that
+        # are silent at two looks are regarded as lost.
         before, self._silent = self._silent, self._heartbeats.silent(SILENT)
         lost = dict(self._silent.items() & before.items())
         alive = {*living, *(self._silent.keys() - lost.keys())}
@@ -102,28 +105,28 @@ class Recovery:
         duties: list[Callable[[], object]] = [
             lambda: self._engine.recover(set(pending.values()) - alive),
             self._fail_given_up,
-            lambda: self._engine.remove_ended_parts(self._store.going_on),
+            lambda: self._engine.remove_ended_parts(self._store.unfinished_among),
             lambda: purge(self._store, self._now() - KEEP_DELETED),
-            lambda: self._trends.derive_due(_DERIVED),
+            lambda: self._trends.renew_outdated_summaries(_DERIVED),
         ]
         for duty in duties:
             try:
                 duty()
-            except Exception as failure:  # noqa: BLE001 - the other duties are done all the same
+            except Exception as failure:  # noqa: BLE001 - the other duties must be done nevertheless
                 failures.append(failure)
         if failures:
             raise failures[0]
 
     def hand_over(self) -> None:
-        """Offer the parts that this worker has begun to other workers, before it ends."""
+        """Offer the parts claimed by this worker to other workers, and remove its heartbeat."""
         self._engine.stop()
         self._heartbeats.forget(self._executor)
 
     def _is_stalled(self) -> bool:
-        """Return whether a part under way took no processor time since the last look.
+        """Return whether the running part has used no processor time since the last look.
 
         Raises:
-            FrozenError: this was so at `_MAX_STALLED_LOOKS` looks in succession.
+            FrozenError: the part used no processor time at `_MAX_STALLED_LOOKS` looks in succession.
         """
         before, self._active = self._active, self._engine.active()
         is_stalled = bool(before.items() & self._active.items())
@@ -133,14 +136,18 @@ class Recovery:
         return is_stalled
 
     def _offer_idle_parts(self, pending: Mapping[str, str]) -> None:
-        """Offer again the parts that DBOS counts as carried out here, but that were not at two looks."""
+        """Offer to all workers the parts that this worker has claimed, but that did not run at two looks.
+
+        Args:
+            pending: part's id → name of the worker that claimed it.
+        """
         mine = {part for part, executor in pending.items() if executor == self._executor}
         idle = mine - self._engine.active().keys()
         self._engine.hand_over(idle & self._idle)
         self._idle = idle
 
     def _fail_given_up(self) -> None:
-        """Fail open jobs that no worker will end: too many workers died over a part, or no part is left."""
+        """Fail unfinished jobs that no worker can finish: a part was given up, or is missing in the queue."""
         going = self._store.open_jobs(_KNOWN)
         lost = dict.fromkeys(
             self._engine.find_unknown_jobs(going), "job {} has no part in the queue any more"
@@ -153,10 +160,10 @@ class Recovery:
 
 
 def purge(store: Store, before: datetime) -> None:
-    """Remove for good what was deleted before a time: of each kind at most `_REMOVED` records at a call."""
+    """Remove for good the records that were deleted before a time, at most `_REMOVED` of each kind."""
     for kind in KINDS:
         store.jobs(kind.resource).purge(before, _REMOVED)
-    store.sets.purge(before, _REMOVED)  # sets go before robots, to which they refer
+    store.sets.purge(before, _REMOVED)  # sets are removed before the robots to which they refer
     store.open_sets.purge(before, _REMOVED)
     store.robots.purge(before, _REMOVED)
 
@@ -164,7 +171,7 @@ def purge(store: Store, before: datetime) -> None:
 def carry_out(store: Store, jobs: Callable[[str], Jobs], part: Part, queue: Queue) -> None:
     """Carry out a part of a job; if the part fails, the job fails.
 
-    A part of a kind that only another version of workers knows is offered again later.
+    A part of a kind that this version of the program does not know is offered again later.
 
     Args:
         store: store of the job.
@@ -176,7 +183,7 @@ def carry_out(store: Store, jobs: Callable[[str], Jobs], part: Part, queue: Queu
         StoreUnavailableError: the database does not answer; carry out the part again later.
     """
     kind = store.kind_of_job(part.job_id)
-    if kind is None:  # it was removed
+    if kind is None:  # the job was removed
         return
     if kind not in _KNOWN:
         queue.offer_later(part)
@@ -191,9 +198,10 @@ def carry_out(store: Store, jobs: Callable[[str], Jobs], part: Part, queue: Queu
 
 
 def retry_until_available(act: Callable[[], object]) -> None:
-    """Call a function again until the database answers: an outage must not fail a job.
+    """Call `act` repeatedly until the database answers, as an outage must not fail a job.
 
-    A process without memory kills itself, as the system would: other workers count its death and go on.
+    A process that lacks memory kills itself, as the system would: another worker continues its part, and
+    counts the death.
     """
     pause = _FIRST_PAUSE
     while True:
@@ -209,25 +217,25 @@ def retry_until_available(act: Callable[[], object]) -> None:
 
 
 _BEAT_SECONDS: Final = 5.0  # between two signs of life of a worker
-_GOODBYE_SECONDS: Final = 8.0  # time to offer parts to others, who take them after 30 s of silence anyway
+_GOODBYE_SECONDS: Final = 8.0  # time to offer parts to others, which take them after 30 s of silence anyway
 
 _FAULT: Final = 70  # exit status of a worker that cannot go on
 _SPARE_BYTES: Final = 64 * 1024 * 1024  # memory that must be free for a worker; some steps need more
 _LOOK_SECONDS: Final = 1.0  # between two checks of memory and of the parent process
-_BEGIN_SECONDS: Final = 60.0  # time for its threads to begin
+_BEGIN_SECONDS: Final = 60.0  # time for the worker's threads to begin
 _KEEPER_SECONDS: Final = 60.0  # longest look of the recovery thread; a locked database takes half of it
 
 _logger = logging.getLogger(__name__)
 
 
 def run_worker(database: str, executor: str, parent: int | None = None, signs: int | None = None) -> None:
-    """Carry out parts until stopped; then offer unfinished parts to other workers, and end the process.
+    """Carry out parts of jobs until a signal stops this worker; then hand over its parts and end the process.
 
     Args:
         database: URL of the store.
         executor: name of this process, which no other process has or had.
         parent: file descriptor of a pipe from the parent process: when it ends, this process ends, too.
-        signs: file descriptor that gets a byte each second while this process looks after its jobs.
+        signs: file descriptor to which a byte is written each second while the recovery thread works.
 
     Raises:
         StoreError: the database cannot be used.
@@ -260,12 +268,12 @@ def run_worker(database: str, executor: str, parent: int | None = None, signs: i
                 _end_process()
             if signs is not None and recovery.seconds_since_look() < _KEEPER_SECONDS:
                 _show_sign(signs)
-            if _parent_has_ended(parent):  # an ordered end: the part under way is offered to others
+            if _parent_has_ended(parent):  # end in order: the running part is offered to other workers
                 stop.set()
     except (MemoryError, RuntimeError):
         _end_process()
     keeper.join(_GOODBYE_SECONDS)  # not longer: the database may not answer
-    # A step under way would keep the process alive, though its part has been offered to others.
+    # A running step would keep the process alive, though its part has been offered to others.
     sys.stdout.flush()
     os._exit(0)
 
@@ -279,7 +287,7 @@ def _run_recovery(recovery: Recovery, stop: threading.Event) -> None:
 
 
 def _act_despite_outage(act: Callable[[], None]) -> None:
-    """Call a function; log an error such as a lost database, which may be back at the next beat."""
+    """Call a function; log an error such as an outage of the database; end a process that cannot go on."""
     try:
         act()
     except MemoryError:
@@ -292,7 +300,7 @@ def _act_despite_outage(act: Callable[[], None]) -> None:
 
 
 def _end_process(*_: object) -> None:
-    """End the process at once: it lacks memory or one of its threads, and would only seem alive."""
+    """End the process at once, because it lacks memory or one of its threads and can do no work."""
     try:
         faulthandler.dump_traceback()
     finally:  # the dump may fail, too, if memory is missing
@@ -300,13 +308,13 @@ def _end_process(*_: object) -> None:
 
 
 def _show_sign(signs: int) -> None:
-    """Write a byte to the process that started this one."""
+    """Write a byte, as a sign of life, to the pipe `signs` to the process that started this one."""
     with suppress(OSError):  # the other process has ended, or does not read
         os.write(signs, b".")
 
 
 def _has_memory() -> bool:
-    """Return whether at least `_SPARE_BYTES` of memory can still be had.
+    """Return whether at least `_SPARE_BYTES` of memory can be allocated.
 
     Without memory no thread starts, and `Thread.start` never returns: the main thread has to check.
     """
@@ -318,5 +326,5 @@ def _has_memory() -> bool:
 
 
 def _parent_has_ended(parent: int | None) -> bool:
-    """Return whether the parent process has ended: then the pipe from it is at its end of file."""
+    """Return whether the parent process has ended, as the pipe `parent` from it then is at end of file."""
     return parent is not None and bool(select.select([parent], [], [], 0.0)[0]) and not os.read(parent, 1024)

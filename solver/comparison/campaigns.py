@@ -34,15 +34,15 @@ from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.robot import Estimate
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation.estimate import predict, profile_ends, stiffness_of
-from jointstiff.solver.estimation.fit import Likelihood, StageFit, rows_of, student_quantile
+from jointstiff.solver.estimation.estimate import compute_profile_ends, invert_compliance, predict
+from jointstiff.solver.estimation.fit import Likelihood, StageFit, invert_to_root, student_quantile
 from jointstiff.solver.estimation.problem import Bounds, Constraints, Order
 from jointstiff.solver.estimation.solution import greatest_violations
 from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.messages import rows
+from jointstiff.solver.messages import build_messages
 from jointstiff.solver.text import figure
 
 SAME_PLACE: Final = 1e-9
@@ -166,11 +166,11 @@ def compare_sides(first: Side, second: Side, *, confidence: float, ordered: bool
 
 
 def models_differ(first: Robot, second: Robot) -> bool:
-    """Return whether two robots with the same joints differ in geometry or joint map, by two postures."""
+    """Return whether two robots with the same joints differ in geometry or joint map (in two postures)."""
     if first is second:
         return False
     postures = np.stack([np.zeros(first.n), np.linspace(0.3, 1.1, first.n)])
-    kinematics = []
+    kinematics = []  # angles, Jacobian and flange pose of both robots
     for robot in (first, second):
         at = Postures(robot, robot.joint_map.model_angles(postures))
         kinematics.append((at.q, at.jacobian, at.flange_rotation, at.flange_translation))
@@ -203,12 +203,12 @@ def _compare_joint(
     *,
     positive: bool,
 ) -> JointRatio:
-    """Return the ratio of the stiffnesses of joint j with its interval and p-value, or why there is none.
+    """Build the ratio of the stiffnesses of joint j with interval and p-value, or say why it is unknown.
 
     Args:
         j: index of the joint.
         sides: both campaigns.
-        covariances: (n, n) of their estimates; None where sigma is unknown.
+        covariances: (n, n) covariance of each campaign's estimate; None where sigma is unknown.
         confidence: level of the interval.
         positive: whether compliances are known to be zero or positive.
     """
@@ -223,17 +223,17 @@ def _compare_joint(
     if len(gaussian) < len(sides):
         return JointRatio(name=name, reason=_UNKNOWN)
     one, two = gaussian
-    sound = one.value > 0 and two.value > 0
+    are_positive = one.value > 0 and two.value > 0
     spread = hypot(one.standard_uncertainty, two.standard_uncertainty)
     freedom = min(one.degrees_of_freedom, two.degrees_of_freedom)
     interval = compute_ratio_interval(one, two, confidence, positive=positive)
     return JointRatio(
         name=name,
-        ratio=one.value / two.value if sound else None,
+        ratio=one.value / two.value if are_positive else None,
         ratio_interval=None if interval is None else (interval.lower, interval.upper),
         ratio_excluded=None if interval is None else interval.excluded,
         p_value=float(2.0 * special.stdtr(freedom, -abs(one.value - two.value) / spread)),
-        reason=None if sound else _NEGATIVE,
+        reason=None if are_positive else _NEGATIVE,
     )
 
 
@@ -251,7 +251,7 @@ def compute_ratio_interval(
 
     Args:
         first: estimate of the first compliance.
-        second: estimate of the second, independent of it.
+        second: estimate of the second compliance, independent of the first.
         confidence: between 0 and 1.
         positive: whether both compliances, and so their ratio, are known to be zero or positive.
 
@@ -291,7 +291,7 @@ def fit_ordered(
 
     Args:
         sides: the softer campaign, such as with the motors' encoders in the loop, and the stiffer one.
-        covariances: (n, n) of their estimates; None where sigma is unknown.
+        covariances: (n, n) covariance of each campaign's estimate; None where sigma is unknown.
         confidence: level of the intervals.
 
     Returns:
@@ -317,28 +317,29 @@ def fit_ordered(
         np.concatenate([each.bounds.upper for each in own]),
     )
     order: Order = (*own[0].order, *((n + i, n + j) for i, j in own[1].order))
-    apart = Constraints(bounds, order)
+    separate = Constraints(bounds, order)
     together = Constraints(bounds, (*((n + j, j) for j in range(n)), *order))
     centre = np.concatenate([each.compliance for each in free])
     known = np.flatnonzero(np.isfinite(centre))
     c, ends = np.full(2 * n, np.nan), np.full((2 * n, 2), np.nan)
     seen = [np.flatnonzero(np.isfinite(each.compliance)) for each in free]
     blocks = [part[np.ix_(own, own)] for part, own in zip(noise, seen, strict=True) if len(own)]
-    R = block_diag(*map(rows_of, blocks))
+    R = block_diag(*map(invert_to_root, blocks))
     fits = [
-        StageFit.of(R, R @ centre[known], known, each.select(known)).solution for each in (together, apart)
+        StageFit.from_rows(R, R @ centre[known], known, each.select(known)).solution
+        for each in (together, separate)
     ]
     c[known] = fits[0].compliance
     squares = [float(np.square(R @ (fit.compliance - centre[known])).sum()) for fit in fits]
     quantile = student_quantile(0.5 + confidence / 2, min(each.degrees_of_freedom for each in free))
     likelihood = Likelihood(np.arange(len(known)), centre[known], block_diag(*both)[np.ix_(known, known)])
     every = np.eye(len(known))
-    low, high = profile_ends(likelihood, together.select(known), every, np.array([quantile]))[0].T
+    low, high = compute_profile_ends(likelihood, together.select(known), every, np.array([quantile]))[0].T
     ends[known] = np.stack([np.minimum(low, c[known]), np.maximum(high, c[known])], axis=1)
     first, second = c.reshape(2, n)
-    stiffness = [[stiffness_of(value) for value in part] for part in (first, second)]
+    stiffness = [[invert_compliance(value) for value in part] for part in (first, second)]
     message = OrderedResult(
-        joints=rows(
+        joints=build_messages(
             OrderedJoint,
             name=sides[0].robot.joint_names,
             kind=sides[0].robot.joint_kinds,
@@ -357,7 +358,7 @@ def fit_ordered(
 
 
 def find_force_unit_mistake(one: Measurements, two: Measurements, matches: Matches) -> Finding | None:
-    """Find out whether one of two campaigns states its forces in another unit.
+    """Check whether one of two campaigns states its forces in a wrong unit, such as kgf read as N.
 
     The unit is suspect if the forces of most matching postures differ by the ratio of two units, such as N
     and kgf, while the deflections hardly differ.
@@ -390,9 +391,7 @@ def find_force_unit_mistake(one: Measurements, two: Measurements, matches: Match
 
 
 def match_observations(one: Measurements, two: Measurements, force_ratio: float = 1.0) -> Matches:
-    """Find the observations that two campaigns have in common.
-
-    They have equal label, posture and load, and share a target.
+    """Find the observations of two campaigns with equal label, posture and load, and a target in common.
 
     Args:
         one: the first campaign.
@@ -431,7 +430,7 @@ def compute_avoided_deflection(
     Args:
         sides: both campaigns.
         matches: observations that both campaigns have.
-        compliances: (2, n) of the joints, by campaign [rad/(N·m)].
+        compliances: (2, n) compliances of the joints in the first and in the second campaign [rad/(N·m)].
     """
     each, measured = compute_measured_shares(
         [side.measurements for side in sides], matches, [side.free.sigma for side in sides]
@@ -439,8 +438,8 @@ def compute_avoided_deflection(
     unknown = sides[0].free.unseen | sides[1].free.unseen
     of_first, of_second = (_predict_mean_lengths(side, compliances, unknown) for side in sides)
     first, second = (side.measurements.labels for side in sides)
-    alone = np.setdiff1d(np.arange(len(second)), matches.observations[1]).tolist()
-    total = np.nansum(np.vstack([of_first, of_second[alone]]), axis=0)
+    only_second = np.setdiff1d(np.arange(len(second)), matches.observations[1]).tolist()
+    total = np.nansum(np.vstack([of_first, of_second[only_second]]), axis=0)
     by_row = dict(zip(matches.observations[0].tolist(), each, strict=True))
     shares = [
         ConfigurationShare(
@@ -458,7 +457,7 @@ def compute_avoided_deflection(
             measured=None,
             predicted=_compute_avoided_share(*of_second[i]),
         )
-        for i in alone
+        for i in only_second
     ]
     return AvoidedDeflection(
         matching=len(each), measured=measured, predicted=_compute_avoided_share(*total), configurations=shares
@@ -470,12 +469,12 @@ def compute_measured_shares(
 ) -> tuple[list[Estimate | None], Estimate | None]:
     """Compute the share of the measured deflection that the second campaign avoids.
 
-    The length of a deflection d has to first order the standard uncertainty ``√(d̂ᵀ Σ d̂)``, d̂ its
-    direction and Σ its covariance; readings are independent.
+    To first order, the length of a deflection d has the standard uncertainty ``√(d̂ᵀ Σ d̂)``; d̂ is the
+    direction of d and Σ the covariance of d. Readings are independent.
 
     Args:
         readings: readings of the campaign with the greater deflections, then of the other campaign.
-        matches: their K matching observations.
+        matches: K observations that both campaigns have.
         sigmas: standard uncertainty of one coordinate of one reading in each campaign [m], or None.
 
     Returns:
@@ -503,11 +502,11 @@ def compute_measured_shares(
 
 
 def _predict_mean_lengths(side: Side, compliances: FloatArray, unknown: BoolArray) -> FloatArray:
-    """Predict the mean deflection of each observation's targets with the compliances of either campaign.
+    """Predict the mean deflection of each observation's targets, with the compliances of each campaign.
 
     Args:
         side: campaign with the N observations.
-        compliances: (2, n) of both campaigns [rad/(N·m)].
+        compliances: (2, n) compliances of both campaigns [rad/(N·m)].
         unknown: (n,) joints that one of the campaigns does not show.
 
     Returns:
@@ -531,13 +530,13 @@ def _compute_avoided_share(first: float, second: float) -> float | None:
 
 
 def _estimate_avoided_share(first: float, second: float, u_first: float, u_second: float) -> Estimate | None:
-    """Return the avoided share of two mean deflections [m] with its standard uncertainty (GUM, 5.1.2).
+    """Return the share ``1 − second/first`` of mean deflections with its standard uncertainty (GUM, 5.1.2).
 
     Args:
-        first: mean deflection of the first campaign.
-        second: mean deflection of the second campaign.
-        u_first: standard uncertainty of the first; NaN if unknown.
-        u_second: standard uncertainty of the second; NaN if unknown.
+        first: mean deflection of the first campaign [m].
+        second: mean deflection of the second campaign [m].
+        u_first: standard uncertainty of `first` [m]; NaN if unknown.
+        u_second: standard uncertainty of `second` [m]; NaN if unknown.
     """
     share = _compute_avoided_share(first, second)
     if share is None:
@@ -569,8 +568,8 @@ class Change:
         """Return the change of ln k from the first to the second campaign.
 
         Args:
-            first: ln k of the first campaign, and its standard uncertainty by the campaign's own errors.
-            second: the same of the second campaign.
+            first: ln k of the first campaign, and its standard uncertainty from errors of this campaign.
+            second: ln k and its standard uncertainty of the second campaign.
             degrees_of_freedom: the fewer degrees of freedom of the two uncertainties, so that a change is
                 significant by chance at most as often as the level says.
         """
@@ -607,12 +606,12 @@ def log_stiffness(
     Args:
         compliance: [rad/(N·m)].
         standard_uncertainty: standard uncertainty of the compliance [rad/(N·m)].
-        shared: part of the uncertainty by errors that are the same in all campaigns, such as the scale of one
-            load cell [rad/(N·m)]; they cancel in a difference and are taken off.
+        shared: part of the uncertainty from errors that are the same in all campaigns, such as the scale of
+            one load cell [rad/(N·m)]; they cancel in a difference and are subtracted.
 
     Returns:
-        ln k and its uncertainty by the campaign's own errors; None for a joint without a number, for a rigid
-        joint, and where this uncertainty exceeds `MOST_RELATIVE`.
+        ln k and its uncertainty from the campaign's own errors; None for a joint without a number, for a
+        rigid joint, and where this uncertainty exceeds `MOST_RELATIVE`.
     """
     if compliance is None or standard_uncertainty is None or not compliance > 0:
         return None

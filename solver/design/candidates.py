@@ -69,12 +69,12 @@ class Equipment:
     def measurements(
         self, robot: Robot, joints: FloatArray, force: FloatArray, along: FloatArray | None = None
     ) -> Measurements:
-        """Return planned readings as measurements, with zero deflections and the covariance expected.
+        """Build measurements from planned readings, with zero deflections and the expected covariance.
 
         Args:
             robot: n joints.
             joints: (N, n) positions as the controller shows them [rad or m].
-            force: (N, 3) axes of R0 [N].
+            force: (N, 3) forces on the robot, axes of R0 [N].
             along: (N, 3) unit vectors in R0 along which targets are read; None if all coordinates are.
         """
         count, shape = len(joints), (len(joints), *self.targets.shape)
@@ -92,7 +92,7 @@ class Equipment:
         )
         if self.instrument is None:
             return plain
-        noise = DifferenceNoise.by(self.instrument, robot, plain)
+        noise = DifferenceNoise.from_instrument(self.instrument, robot, plain)
         # The instrument's covariance has a sigma of its own as unit: convert it to the sigma stated here.
         return replace(plain, covariance=noise.covariance * (noise.sigma / self.sigma) ** 2)
 
@@ -112,14 +112,19 @@ class Equipment:
         return np.asarray(towards / np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-9))
 
     def load_place(self, robot: Robot, joints: FloatArray) -> FloatArray:
-        """Return where the load acts (N, 3) in R0 [m]."""
-        now = Postures(robot, robot.joint_map.model_angles(joints))
-        return np.asarray(now.to_base(np.broadcast_to(self.load_point, (len(joints), 1, 3)))[:, 0])
+        """Return the places (N, 3) in R0 [m] where the load acts, in postures (N, n) [rad or m]."""
+        at = Postures(robot, robot.joint_map.model_angles(joints))
+        return np.asarray(at.to_base(np.broadcast_to(self.load_point, (len(joints), 1, 3)))[:, 0])
 
     def strength(self, robot: Robot, joints: FloatArray) -> FloatArray:
-        """Return the greatest force (N,) [N] whose torques stay within the limits in every direction."""
-        now = Postures(robot, robot.joint_map.model_angles(joints))
-        jacobian = now.jacobian_at(self.load_place(robot, joints)[:, None])[:, 0]
+        """Return the greatest force (N,) [N] whose torques stay within the limits in any direction.
+
+        Args:
+            robot: n joints.
+            joints: (N, n) positions as the controller shows them [rad or m].
+        """
+        at = Postures(robot, robot.joint_map.model_angles(joints))
+        jacobian = at.jacobian_at(self.load_place(robot, joints)[:, None])[:, 0]
         lever = np.maximum(np.linalg.norm(jacobian, axis=1), 1e-9)
         return np.asarray(np.minimum(self.loads.force, (self.loads.torque_limit / lever).min(axis=1)))
 
@@ -127,72 +132,72 @@ class Equipment:
 def find_feasible(
     robot: Robot, equipment: Equipment, cell: Surroundings, joints: FloatArray, direction: FloatArray | None
 ) -> tuple[BoolArray, dict[str, int]]:
-    """Find out which readings can be taken with the equipment in the surroundings.
+    """Find the readings that can be taken with the equipment in the surroundings.
 
     Args:
         robot: n joints.
         equipment: targets, load and tracker.
         cell: surroundings; directions of reflectors are in the order of the targets.
         joints: (N, n) positions as the controller shows them [rad or m].
-        direction: (N, 3) of the force, axes of R0; None where it is free.
+        direction: (N, 3) direction of the force, axes of R0; None if the direction is free.
 
     Returns:
-        Mask (N,) of feasible readings; and the number of others by the first reason that excludes them.
+        Mask (N,) of feasible readings; and the number of infeasible readings by the first reason.
     """
     count, model = len(joints), robot.joint_map.model_angles(joints)
-    now = Postures(robot, model)
-    targets = now.to_base(np.broadcast_to(equipment.targets, (count, *equipment.targets.shape)))
+    at = Postures(robot, model)
+    targets = at.to_base(np.broadcast_to(equipment.targets, (count, *equipment.targets.shape)))
     load = equipment.load_place(robot, joints)
     # Links run from the base through the origins of the joint frames to the flange and the load point
-    base, flange = np.zeros((count, 1, 3)), now.flange_translation[:, None]
-    points = np.concatenate([base, now.joint_frames[1], flange, load[:, None]], axis=1)
+    base, flange = np.zeros((count, 1, 3)), at.flange_translation[:, None]
+    points = np.concatenate([base, at.joint_frames[1], flange, load[:, None]], axis=1)
     radius = cell.link_radius
     if radius is None:
         links = np.linalg.norm(np.diff(points[:, :-1], axis=1), axis=2)
         links[:, :-1][:, robot.prismatic] = 0.0  # a rail makes no link thicker
         radius = _RELATIVE_RADIUS * float(links.sum(axis=1).max())
-    struck = {"joint_limits": ~robot.within_limits(joints)}
+    excluded = {"joint_limits": ~robot.within_limits(joints)}
     if direction is not None:
-        jacobian = now.jacobian_at(load[:, None])[:, 0]
+        jacobian = at.jacobian_at(load[:, None])[:, 0]
         torque = equipment.loads.force * np.einsum("nij,ni->nj", jacobian, direction)
-        struck["torque"] = (np.abs(torque) > equipment.loads.torque_limit).any(axis=1)
-    struck["floor_or_box"] = _find_out_of_bounds(cell, points, targets, radius)
+        excluded["torque"] = (np.abs(torque) > equipment.loads.torque_limit).any(axis=1)
+    excluded["floor_or_box"] = _find_out_of_bounds(cell, points, targets, radius)
     # Only links that are apart along the arm by more than twice their thickness can collide.
-    struck["self_collision"] = np.zeros(count, dtype=np.bool_)
+    excluded["self_collision"] = np.zeros(count, dtype=np.bool_)
     lengths = np.linalg.norm(np.diff(points, axis=1), axis=2).max(axis=0)
     for i, j in combinations(range(len(lengths)), 2):
         if lengths[i + 1 : j].sum() > 4.0 * radius:
             apart = segment_distance(points[:, i], points[:, i + 1], points[:, j], points[:, j + 1])
-            struck["self_collision"] |= apart < 2.0 * radius
+            excluded["self_collision"] |= apart < 2.0 * radius
     if equipment.instrument is not None:
         station = np.array(equipment.instrument.station)
         hidden = [
             _is_crossed_by_link(points, radius, station, targets[:, t]) for t in range(targets.shape[1])
         ]
-        struck["line_of_sight"] = np.any(hidden, axis=0)
+        excluded["line_of_sight"] = np.any(hidden, axis=0)
         if cell.facing:
             facing = np.array(list(cell.facing.values()))
-            sight, look = station - targets, facing @ now.flange_rotation.transpose(0, 2, 1)
+            sight, look = station - targets, facing @ at.flange_rotation.transpose(0, 2, 1)
             norms = np.linalg.norm(sight, axis=2) * np.linalg.norm(look, axis=2)
             away = (sight * look).sum(axis=2) / norms < np.cos(cell.acceptance)
-            struck["reflector_acceptance"] = away.any(axis=1)
+            excluded["reflector_acceptance"] = away.any(axis=1)
     if direction is not None and equipment.loads.kind == "cable":
         # The anchor of each reading is that towards which its force points
         towards = equipment.loads.anchors - load[:, None]
         length = np.linalg.norm(towards, axis=2)
         own = np.argmax(np.einsum("nai,ni->na", towards, direction) / np.maximum(length, 1e-9), axis=1)
-        struck["cable"] = length[np.arange(count), own] < _SHORTEST_CABLE
-        struck["cable"] |= _is_crossed_by_link(points, radius, load, equipment.loads.anchors[own])
-    first = np.argmax(list(struck.values()), axis=0)
-    kept = ~np.any(list(struck.values()), axis=0)
-    counts = {reason: int(((first == i) & ~kept).sum()) for i, reason in enumerate(struck)}
+        excluded["cable"] = length[np.arange(count), own] < _SHORTEST_CABLE
+        excluded["cable"] |= _is_crossed_by_link(points, radius, load, equipment.loads.anchors[own])
+    first = np.argmax(list(excluded.values()), axis=0)
+    kept = ~np.any(list(excluded.values()), axis=0)
+    counts = {reason: int(((first == i) & ~kept).sum()) for i, reason in enumerate(excluded)}
     return kept, {reason: number for reason, number in counts.items() if number}
 
 
 def _find_out_of_bounds(
     cell: Surroundings, points: FloatArray, targets: FloatArray, radius: float
 ) -> BoolArray:
-    """Return a mask (N,) of postures in which a link, target or load point is out of bounds.
+    """Return a mask (N,) of postures in which a link or a target hits the floor, a wall or an obstacle.
 
     Args:
         cell: floor, walls and obstacles.
@@ -200,6 +205,7 @@ def _find_out_of_bounds(
         targets: (N, T, 3) in R0 [m].
         radius: radius of the links [m].
     """
+    # Points along the links are tested in place of whole links.
     start, end = points[:, _FIRST_MOVING:-1, None], points[:, _FIRST_MOVING + 1 :, None]
     along = start + _SAMPLES[:, None] * (end - start)
     places = np.concatenate([along.reshape(len(along), -1, 3), targets], axis=1)
@@ -229,10 +235,10 @@ def _is_crossed_by_link(points: FloatArray, radius: float, start: FloatArray, en
 
 
 def segment_distance(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> FloatArray:
-    """Return the least distances (N,) between line segments p q and r s (Ericson 2005, 5.1.9).
+    """Return the least distances (N,) [m] between segments from p to q and from r to s (Ericson 2005, 5.1.9).
 
     Args:
-        p: (N, 3) starts of the first segments.
+        p: (N, 3) starts of the first segments [m].
         q: (N, 3) ends of the first segments.
         r: (N, 3) starts of the second segments, or (3,).
         s: (N, 3) ends of the second segments, or (3,).
@@ -256,7 +262,7 @@ def draw_postures(robot: Robot, count: int, seed: int) -> FloatArray:
 
     Args:
         robot: n joints.
-        count: number of draws; those that rounding moves beyond the limits are left out.
+        count: number of draws; draws that rounding moves beyond the limits are dropped.
         seed: seed of the draw.
 
     Returns:
@@ -265,12 +271,12 @@ def draw_postures(robot: Robot, count: int, seed: int) -> FloatArray:
     Raises:
         RequestError: the limits leave no whole degree or millimetre.
     """
-    largest = robot.by_kind(*_LARGEST_POSITION)[:, None]
+    largest = robot.select_by_kind(*_LARGEST_POSITION)[:, None]
     limits = np.clip(robot.limits, -largest, largest)
     random = np.random.default_rng(seed)
     model = limits[:, 0] + (limits[:, 1] - limits[:, 0]) * random.random((count, robot.n))
     controller = np.linalg.solve(robot.joint_map.matrix, (model - robot.joint_map.offset).T).T
-    joints = robot.in_whole_units(np.asarray(controller, dtype=np.float64))
+    joints = robot.round_to_whole_units(np.asarray(controller, dtype=np.float64))
     joints = joints[robot.within_limits(joints)]
     if not len(joints):
         raise RequestError(
@@ -332,32 +338,32 @@ class PlanRequest:
 def build_reading_stack(robot: Robot, request: PlanRequest, measurements: Measurements) -> Stack:
     """Build the whitened rows of readings: columns of the joints, then of the nuisance.
 
-    Nuisance columns are elastic links, or other terms in units of their prior uncertainty. Causes that were
-    fitted with the readings are projected out.
+    The nuisance is elastic links, or other terms in units of their prior uncertainty. The columns of causes
+    that were fitted with the readings are projected out.
 
     Args:
         robot: n joints.
-        request: says what the nuisance is.
+        request: request that states the nuisance.
         measurements: N readings of T targets.
 
     Returns:
-        Stack with P columns, and the reading last.
+        Stack of rows with P columns, followed by the column of the reading.
     """
     hedged = [term for term in TERMS.values() if term.hedged]
     terms = [JOINTS, *([links_behind(tuple(range(robot.n)))] if request.links else hedged)]
     fitted = fitted_errors(measurements).terms
     blocks, compliance = regressor_blocks(robot, measurements), np.nan_to_num(request.nominal)
-    stack = Stack.of(blocks, [*terms, *fitted], compliance)
+    stack = Stack.from_blocks(blocks, [*terms, *fitted], compliance)
     stack = stack.in_units({term.name: term.hedged for term in terms if term.hedged})
-    return stack.left_by([term.name for term in fitted]) if fitted else stack
+    return stack.project_out([term.name for term in fitted]) if fitted else stack
 
 
 def build_known_rows(robot: Robot, request: PlanRequest, so_far: Measurements) -> FloatArray:
     """Build the rows (3 N T, P) of readings already taken, in units of sigma."""
     if request.by_weight is None:
         return build_reading_stack(robot, request, so_far).flat[:, :-1]
-    taken = np.repeat(so_far.present & ~so_far.in_flange, 3, axis=1)[..., None]
-    rows = request.by_weight(so_far.joints) * taken
+    is_read = np.repeat(so_far.present & ~so_far.in_flange, 3, axis=1)[..., None]
+    rows = request.by_weight(so_far.joints) * is_read
     return rows.reshape(-1, rows.shape[-1])
 
 
@@ -377,7 +383,7 @@ class Readings:
         return Readings(self.joints[part], self.anchor[part], self.forces[part], along)
 
     def rows(self, robot: Robot, request: PlanRequest, equipment: Equipment) -> FloatArray:
-        """Return the rows (N, L, 3 T, P) of N readings under each of L loads, in units of sigma."""
+        """Build the rows (N, L, 3 T, P) of N readings of T targets under L loads, in units of sigma."""
         if request.by_weight is not None:
             return request.by_weight(self.joints)[:, None]
         loaded = [
@@ -409,22 +415,22 @@ def choose_parameters(
 ) -> Parameters:
     """Choose the parameters of a plan: relative compliances of joints, then the nuisance.
 
-    Link compliances are a nuisance. Before any reading they are taken to move the places by a share of what
-    the joints do, each matrix entry alike. Combinations that move what is to be predicted are kept, except
-    for a share `LEFT_OUT` of the variance.
+    Link compliances are a nuisance. Before any reading, all links together are assumed to move the places by
+    `link_share` of the deflection by the joints, each matrix entry equally. Combinations of link compliances
+    are kept that explain all but a share `LEFT_OUT` of the prior variance of the predictions.
 
     Args:
-        rows: (K, n) or (K, P) of candidates, whitened; the first n columns are the joints'.
-        predicted: (L, n) or (L, P) of what is to be predicted; the same as `rows` without a work area.
+        rows: (K, n) or (K, P) whitened rows of candidates; the first n columns belong to the joints.
+        predicted: (L, n) or (L, P) rows of the deflections to predict; without a work area, those of `rows`.
         names: names of the n joints.
-        wanted: indices of joints to be determined; None for all that the loads excite. Other joints that the
-            loads excite are a nuisance.
+        wanted: indices of the joints to be determined; None for all joints that the loads twist. Other joints
+            that the loads twist are a nuisance.
         nominal: (n,) compliance [rad/(N·m)]; nan where it is not known.
-        link_share: root mean square deflection by links, relative to that by joints; None where links are no
-            nuisance, so that nuisance columns are already in units of their prior uncertainty.
+        link_share: root mean square deflection by links over that by joints; None if the nuisance is not
+            links, so that its columns are already in units of their prior uncertainty.
 
     Raises:
-        RequestError: no candidate excites a wanted joint.
+        RequestError: no candidate load twists a wanted joint.
     """
     n = len(names)
     size = np.sqrt(np.square(rows[:, :n]).mean(axis=0))
@@ -477,11 +483,11 @@ class Pool:
     struck_out: dict[str, int]  #: number of infeasible readings by reason
 
     @classmethod
-    def of(cls, robot: Robot, request: PlanRequest) -> Pool:
-        """Draw or take postures, strike out infeasible readings, and compute the information of the rest.
+    def from_request(cls, robot: Robot, request: PlanRequest) -> Pool:
+        """Collect the feasible readings of drawn or given postures, and compute the information of each.
 
         Raises:
-            RequestError: no reading is feasible, or nothing excites a joint.
+            RequestError: no reading is feasible, or no load twists a joint.
         """
         equipment, sigma = request.equipment, request.equipment.sigma
         readings, inside, struck_out = _select_feasible_readings(robot, request)
@@ -535,7 +541,12 @@ class Pool:
         return cls(readings, candidates, parameters, base, places, predicted, count, struck_out)
 
     def force(self, unit: FloatArray, index: IndexArray) -> FloatArray:
-        """Return the forces (k, 3) [N] of candidates, along unit vectors (k, 3) if directions are free."""
+        """Return the forces (k, 3) [N] of candidates.
+
+        Args:
+            unit: (k, 3) directions of the forces, used only where directions are free.
+            index: (k,) indices of the candidates.
+        """
         forces = self.readings.forces[index]
         return (unit[:, None] @ forces)[:, 0] if self.candidates.free else forces[:, 0]
 
@@ -546,7 +557,8 @@ def _select_feasible_readings(
     """Select the feasible readings of all postures and loads.
 
     Returns:
-        The N feasible readings; a mask (N,) of those in the work area; and the numbers of others by reason.
+        The N feasible readings; a mask (N,) of those in the work area; and the number of infeasible readings
+        by reason.
 
     Raises:
         RequestError: no reading is feasible, or too few are in the work area.
@@ -587,7 +599,9 @@ def _select_feasible_readings(
 
 
 def _build_predicted_rows(robot: Robot, request: PlanRequest, inside: FloatArray) -> FloatArray:
-    """Build rows (R, 9, P) of the deflection [m] at places of the work area, by forces along the axes of R0.
+    """Build rows (R, 9, P) of the deflection [m] at R places of the work area.
+
+    The 9 rows of a place are three coordinates under a force along each of the three axes of R0.
 
     Args:
         robot: n joints.

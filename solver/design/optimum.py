@@ -64,7 +64,10 @@ class DOptimality:
         return np.asarray(regular * np.exp((_log_det(M) - np.where(regular, rest, 0.0)) / s))
 
     def support(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:  # noqa: ARG002
-        """Return the supporting matrix G = φ/s · (M⁻¹ − M₂₂⁻¹) at M; `dual` is not needed."""
+        """Return the supporting matrix G = φ/s · (M⁻¹ − M₂₂⁻¹) at M, with φ(M′) ≤ ⟨G, M′⟩ for all M′.
+
+        `dual` is ignored: the criterion is smooth.
+        """
         s = self.interest
         G = np.linalg.inv(M)
         G[s:, s:] -= np.linalg.inv(M[s:, s:])
@@ -72,14 +75,14 @@ class DOptimality:
         return self.information(M) / s * G
 
     def slope(self, M: FloatArray, K: FloatArray) -> Slope:
-        """Return −log φ = −log det(C)/s with its derivatives along K (k, p, p)."""
+        """Return −log φ = −log det(C)/s, and its derivatives when M moves along each of K (k, p, p)."""
         s = self.interest
         value, gradient, hessian = _log_det_slope(M, K)
-        rest, its_gradient, its_hessian = _log_det_slope(M[s:, s:], K[:, s:, s:])
-        return Slope(-(value - rest) / s, -(gradient - its_gradient) / s, (hessian - its_hessian) / s)
+        rest, rest_gradient, rest_hessian = _log_det_slope(M[s:, s:], K[:, s:, s:])
+        return Slope(-(value - rest) / s, -(gradient - rest_gradient) / s, (hessian - rest_hessian) / s)
 
     def scaled(self, unit: FloatArray) -> DOptimality:  # noqa: ARG002
-        """Return the same criterion, as other units change φ by a factor only."""
+        """Return this criterion unchanged: other units of the parameters (p,) change φ by a factor only."""
         return self
 
 
@@ -99,13 +102,16 @@ class AOptimality:
         return np.asarray(regular / (self.W * inverse).sum(axis=(-2, -1)))
 
     def support(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:  # noqa: ARG002
-        """Return the supporting matrix G = φ² · M⁻¹ W M⁻¹ at M; `dual` is not needed."""
+        """Return the supporting matrix G = φ² · M⁻¹ W M⁻¹ at M, with φ(M′) ≤ ⟨G, M′⟩ for all M′.
+
+        `dual` is ignored: the criterion is smooth.
+        """
         inverse = np.linalg.inv(M)
         G = inverse @ self.W @ inverse / float((self.W * inverse).sum()) ** 2
         return 0.5 * (G + G.T)
 
     def slope(self, M: FloatArray, K: FloatArray) -> Slope:
-        """Return −log φ = log tr(W M⁻¹) with its derivatives along K (k, p, p)."""
+        """Return −log φ = log tr(W M⁻¹), and its derivatives when M moves along each of K (k, p, p)."""
         k = len(K)
         if not np.isfinite(_log_det(M)):
             return Slope(np.inf, np.zeros(k), np.zeros((k, k)))
@@ -119,7 +125,7 @@ class AOptimality:
         return Slope(float(np.log(trace)), gradient, hessian)
 
     def scaled(self, unit: FloatArray) -> AOptimality:
-        """Return the same criterion in other units."""
+        """Return the criterion for parameters in units (p,), relative to the present ones."""
         return AOptimality(self.W * np.outer(unit, unit))
 
 
@@ -131,16 +137,19 @@ class EOptimality:
     metric: FloatArray
 
     def information(self, M: FloatArray) -> FloatArray:
-        """Return the least eigenvalue of the first parameters' scaled information; 0 if M is singular."""
+        """Return φ (...) of matrices M (..., p, p); zero where M is singular.
+
+        φ is one over the greatest eigenvalue of the scaled covariance of the first s parameters.
+        """
         s = len(self.metric)
         inverse, regular = _invert_regular(M)
         covariance = inverse[..., :s, :s] / np.outer(self.metric, self.metric)
         return np.asarray(regular / np.linalg.eigvalsh(covariance)[..., -1])
 
     def support(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:
-        """Return the supporting matrix G = X V Z V Xᵀ at M.
+        """Return the supporting matrix G = X V Z V Xᵀ at M, with φ(M′) ≤ ⟨G, M′⟩ for all M′.
 
-        Z is the dual, made positive semidefinite with trace 1; without a dual, Z = v vᵀ of the worst
+        Z is the dual (s, s), made positive semidefinite with trace 1; without a dual, Z = v vᵀ of the worst
         combination v.
         """
         s = len(self.metric)
@@ -157,7 +166,7 @@ class EOptimality:
         return 0.5 * (G + G.T)
 
     def scaled(self, unit: FloatArray) -> EOptimality:
-        """Return the same criterion in other units."""
+        """Return the criterion for parameters in units (p,), relative to the present ones."""
         return EOptimality(self.metric / unit[: len(self.metric)])
 
 
@@ -173,26 +182,27 @@ class GOptimality:
         return np.asarray(regular / np.einsum("rij,...ij->...r", self.places, inverse).max(axis=-1))
 
     def variances(self, M: FloatArray) -> FloatArray:
-        """Return the variance tr(W_r M⁻¹) of each place (R,)."""
+        """Return the variances tr(W_r M⁻¹) (R,) of the deflections at the R places."""
         return np.asarray(np.einsum("rij,ij->r", self.places, np.linalg.inv(M)))
 
-    def average(self, shares: FloatArray) -> AOptimality:
-        """Return the criterion of the mean variance, places weighted by shares (R,)."""
+    def build_mean_criterion(self, shares: FloatArray) -> AOptimality:
+        """Return the criterion of the mean variance over the places, weighted by shares (R,)."""
         return AOptimality(np.tensordot(shares, self.places, axes=1))
 
     def support(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:
-        """Return the supporting matrix G at M: that of the mean variance with shares π of the places.
+        """Return the supporting matrix G at M, with φ(M′) ≤ ⟨G, M′⟩ for all M′.
 
-        The dual is π (R,), scaled to sum 1; without a dual, the worst place has all of the weight.
+        G is the supporting matrix of the mean variance, in which place r has the share π_r. The dual is
+        π (R,), scaled to sum 1; without a dual, the worst place has the share 1.
         """
         if dual is None:
             dual = np.zeros(len(self.places))
             dual[int(np.argmax(self.variances(M)))] = 1.0
         weights = np.maximum(dual, 0.0)
-        return self.average(weights / weights.sum()).support(M)
+        return self.build_mean_criterion(weights / weights.sum()).support(M)
 
     def scaled(self, unit: FloatArray) -> GOptimality:
-        """Return the same criterion in other units."""
+        """Return the criterion for parameters in units (p,), relative to the present ones."""
         return GOptimality(self.places * np.outer(unit, unit))
 
 
@@ -216,9 +226,9 @@ def compute_uncertainties(M: FloatArray, s: int) -> FloatArray:
     values, vectors = np.linalg.eigh(scaled)
     null = values <= 1e-12 * np.maximum(values[..., -1:], 1e-300)
     squares = np.square(vectors[..., :s, :])
-    free = (squares * null[..., None, :]).sum(axis=-1) > 1e-9
+    undetermined = (squares * null[..., None, :]).sum(axis=-1) > 1e-9
     variance = (squares @ (1.0 / np.where(null, np.inf, values))[..., None])[..., 0]
-    return np.where(free, np.inf, unit[..., :s] * np.sqrt(variance))
+    return np.where(undetermined, np.inf, unit[..., :s] * np.sqrt(variance))
 
 
 def _invert_diagonals(M: FloatArray) -> FloatArray:
@@ -238,7 +248,7 @@ def _invert_diagonals(M: FloatArray) -> FloatArray:
 
 
 def _log_det(M: FloatArray) -> FloatArray:
-    """Return log det M (...); −inf where M (..., p, p) is not positive definite, or by rounding only."""
+    """Return log det M (...); −inf where M (..., p, p) is singular or only rounding makes it regular."""
     if not M.shape[-1]:
         return np.zeros(M.shape[:-2])
     try:
@@ -250,13 +260,16 @@ def _log_det(M: FloatArray) -> FloatArray:
 
 
 def _invert_regular(M: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Return inverses (..., p, p), the identity where M is singular, and a mask (...) of regular M."""
+    """Return the inverses (..., p, p) of M, and a mask (...) of regular M.
+
+    Where M is singular, the identity is returned in place of the inverse.
+    """
     regular = np.isfinite(_log_det(M))
     return np.linalg.inv(np.where(regular[..., None, None], M, np.eye(M.shape[-1]))), regular
 
 
 def _log_det_slope(M: FloatArray, K: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-    """Return log det M, its gradient (k,), and minus its Hessian (k, k), along K (k, p, p)."""
+    """Return log det M, its gradient (k,), and minus its Hessian (k, k), when M moves along K (k, p, p)."""
     k, value = len(K), float(_log_det(M))
     if not (M.size and np.isfinite(value)):
         return value, np.zeros(k), np.zeros((k, k))
@@ -329,7 +342,7 @@ class Atoms:
         return Atoms(self.index[rows], self.force[rows], self.information[rows])
 
     def map_indices(self, candidates: IndexArray) -> Atoms:
-        """Return these atoms with indices among all candidates.
+        """Return these atoms with indices that refer to all candidates instead of a subset.
 
         Args:
             candidates: indices of the subset of candidates to which the present indices refer.
@@ -337,7 +350,7 @@ class Atoms:
         return Atoms(candidates[self.index], self.force, self.information)
 
     def join(self, *others: Atoms) -> Atoms:
-        """Return one set of these atoms and then the others."""
+        """Return one set with these atoms, followed by the atoms of the others."""
         parts = (self, *others)
         return Atoms(
             np.concatenate([part.index for part in parts]),
@@ -358,7 +371,7 @@ class Candidates:
         Args:
             information: (N, 1, p, p) K_i, or (N, 6, p, p) of (K_ab + K_ba) / 2 for the pairs of axes xx, xy,
                 xz, yy, yz, zz under the greatest force.
-            unit: (p,) by which the columns of the rows are multiplied.
+            unit: (p,) factors by which the columns of the rows are multiplied.
         """
         self.free = information.shape[1] > 1  #: whether forces may act in all directions
         self._information, self._unit = information, unit
@@ -371,8 +384,8 @@ class Candidates:
         The result has N p² numbers, or 6 N p² for forces of any direction.
 
         Args:
-            rows: (N, m, p) whitened, under a load of their own; or (N, 3, m, p), under the greatest
-                force along each axis, for forces of any direction.
+            rows: (N, m, p) whitened rows, each candidate under its own load; or, for forces of any direction,
+                (N, 3, m, p) under the greatest force along each axis.
 
         Raises:
             RequestError: a number is not finite.
@@ -383,7 +396,9 @@ class Candidates:
         for start in range(0, len(stack), _BLOCK):
             part, block = stack[start : start + _BLOCK], information[start : start + _BLOCK]
             for k, (a, b) in enumerate(pairs):
-                K = np.ascontiguousarray(part[:, a].transpose(0, 2, 1)) @ part[:, b]  # half the time
+                K = (
+                    np.ascontiguousarray(part[:, a].transpose(0, 2, 1)) @ part[:, b]
+                )  # contiguous: half the time
                 block[:, k] = 0.5 * (K + K.transpose(0, 2, 1))
             if not np.isfinite(block).all():
                 raise RequestError(
@@ -394,7 +409,7 @@ class Candidates:
         return cls(information, np.ones(rows.shape[-1]))
 
     def scaled(self, unit: FloatArray) -> Candidates:
-        """Return the same candidates of parameters in other units (p,); nothing is copied."""
+        """Return the candidates for parameters in other units (p,), relative to the present units."""
         return Candidates(self._information, self._unit * unit)
 
     def __len__(self) -> int:
@@ -419,14 +434,17 @@ class Candidates:
         force = np.zeros((len(index), 3))
         if self.free:
             force = np.linalg.eigh(_arrange_force_forms(self._price_by_axes(index, G)).T)[1][:, :, -1]
-        return self.under(index, force)
+        return self.build_atoms_under(index, force)
 
     def best(self, G: FloatArray, allowed: BoolArray | bool = True) -> Atoms:
         """Return the candidate of the greatest price ``⟨G, K_i⟩`` among those allowed (N,), as one atom."""
         return self.atoms(np.array([np.argmax(np.where(allowed, self.prices(G), -np.inf))]), G)
 
-    def under(self, index: IndexArray, force: FloatArray) -> Atoms:
-        """Return some candidates under forces along unit vectors (k, 3), or under loads of their own."""
+    def build_atoms_under(self, index: IndexArray, force: FloatArray) -> Atoms:
+        """Return candidates (k,) as atoms, under forces along unit vectors (k, 3).
+
+        Where forces are not free, each candidate has its own load, and `force` is only stored.
+        """
         if not self.free:
             return Atoms(index, force, self._information[index, 0] * self._squares)
         a, b = np.triu_indices(3)
@@ -435,18 +453,18 @@ class Candidates:
         return Atoms(index, force, K * self._squares)
 
     def total(self) -> FloatArray:
-        """Return the sum of all information (p, p), of forces along all three axes where they are free."""
+        """Return the summed information (p, p) of all candidates; free forces count along all three axes."""
         axes = [0, 3, 5] if self.free else [0]
         return np.asarray(self._information[:, axes].sum(axis=(0, 1)) * self._squares)
 
     def _price_by_axes(self, index: IndexArray | slice, G: FloatArray) -> FloatArray:
-        """Return the prices ``⟨G, K⟩`` (n, 1) of candidates, or (n, 6) by pairs of axes of a free force."""
+        """Return the prices ``⟨G, K⟩`` of candidates (n, 1), or of pairs of axes of a free force (n, 6)."""
         K = self._information[index]
         return np.asarray(K.reshape(*K.shape[:2], -1) @ (self._squares * G).ravel())
 
 
 def _arrange_force_forms(products: FloatArray) -> FloatArray:
-    """Arrange prices (N, 6) by pairs of axes as quadratic forms (3, 3, N) of the force."""
+    """Arrange prices (N, 6) of the pairs xx, xy, xz, yy, yz, zz as symmetric matrices (3, 3, N)."""
     return products.T[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
 
 
@@ -467,7 +485,7 @@ class DesignProblem:
 
         Args:
             candidates: N candidate readings of p parameters.
-            criterion: criterion by which designs are compared.
+            criterion: criterion that compares designs.
             readings: number n of readings to take.
             base: M0 (p, p), information of earlier readings and of priors; zero for none.
 
@@ -484,9 +502,9 @@ class DesignProblem:
             missing = np.flatnonzero(diagonal <= 0.0).tolist()
             raise RequestError(
                 f"all candidates together determine {int((values > _NO_INFORMATION * values[-1]).sum())} of "
-                f"{len(values)} parameters" + (f"; nothing excites parameter {missing}" if missing else ""),
+                f"{len(values)} parameters" + (f"; no load changes parameter {missing}" if missing else ""),
                 where="candidates",
-                remedy="add loads or postures that excite the others, or leave these parameters out",
+                remedy="add loads or postures that change the missing parameters, or leave these out",
             )
         self.readings = readings
         self.candidates = candidates.scaled(unit)
@@ -500,12 +518,12 @@ class DesignProblem:
     def bound(self, M: FloatArray, dual: FloatArray | None = None) -> Bound:
         """Bound the information φ that any weights of the candidates can reach.
 
-        ``φ(M′) ≤ ⟨G, M0⟩ + n Σ w′_i ⟨G, K_i⟩``: the greatest price takes the place of the mean. It holds for
-        any M; the better M, the sharper.
+        ``φ(M′) ≤ ⟨G, M0⟩ + n Σ w′_i ⟨G, K_i⟩``, and the mean price Σ w′_i ⟨G, K_i⟩ is at most the greatest
+        price. The bound holds for any M, and is sharper for a better M.
 
         Args:
             M: (p, p) positive definite, information of a design.
-            dual: dual variable of the criterion, as for its `support`; None for the default.
+            dual: dual variable of a criterion with a kink (E or G); None for its default.
         """
         support = self.criterion.support(M, dual)
         prices = self.candidates.prices(support)
@@ -513,7 +531,7 @@ class DesignProblem:
         return Bound(min(1.0, float(self.criterion.information(M)) / upper), support, prices)
 
     def upper_bound(self, support: FloatArray, mean_price: float) -> float:
-        """Return the upper bound ⟨G, M0⟩ + n d on φ, d a bound on the mean price of the n readings."""
+        """Return the upper bound ⟨G, M0⟩ + n d on φ; d is the greatest possible mean price of n readings."""
         return float((support * self.base).sum()) + self.readings * mean_price
 
 
@@ -527,12 +545,12 @@ class Design:
     bound: Bound  #: from one sweep over all candidates
 
 
-def optimise(problem: DesignProblem, tolerance: float | None = None) -> Design:
-    """Find the optimal weights of candidate readings, with a certificate.
+def optimise_design(problem: DesignProblem, tolerance: float | None = None) -> Design:
+    """Find the optimal weights of candidate readings, with a bound that proves their efficiency.
 
     Args:
         problem: readings to choose from, and the criterion.
-        tolerance: gap at which the search ends; `GAP` or `LOOSE_GAP` if None.
+        tolerance: gap (1 − efficiency) at which the search ends; `GAP` or `LOOSE_GAP` if None.
 
     Raises:
         SolverError: the gap does not close, or rounding hides a parameter.
@@ -568,7 +586,7 @@ def optimise(problem: DesignProblem, tolerance: float | None = None) -> Design:
 
 
 def _choose_start(problem: DesignProblem) -> Atoms:
-    """Choose the first candidates one by one by their price, from an evenly spread sample."""
+    """Choose candidates to start from: one by one by greatest price, from an evenly spread sample."""
     every = np.arange(len(problem.candidates))
     count = max(_START, len(problem.base))
     step = max(1, len(every) // _SAMPLE)
@@ -596,12 +614,15 @@ def _choose_start(problem: DesignProblem) -> Atoms:
 def _optimise_held_weights(
     problem: DesignProblem, held: Atoms, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray | None]:
-    """Return optimal weights (k,) of the held candidates, and the dual of the criterion; None if it has none.
+    """Optimise the weights of the candidates held so far.
 
     Args:
         problem: choice of readings.
         held: k candidates that may have a weight.
         weights: (k,) weights to start from.
+
+    Returns:
+        (k,) optimal weights; and the dual variable of a criterion with a kink (E or G), else None.
     """
     criterion, K = problem.criterion, problem.readings * held.information
     if isinstance(criterion, SmoothCriterion):
@@ -610,7 +631,7 @@ def _optimise_held_weights(
         return optimise_worst_place(criterion, problem.base, K, weights)
     from jointstiff.solver.estimation import convex  # takes a second to import
 
-    return convex.worst_direction(problem.base, K, criterion.metric)
+    return convex.solve_e_optimal_design(problem.base, K, criterion.metric)
 
 
 def optimise_weights(
@@ -631,13 +652,13 @@ def optimise_weights(
         SolverError: rounding hides a parameter, so that φ has no curvature.
     """
 
-    def slope(w: FloatArray) -> Slope:
-        """Return −log φ with its derivatives at weights w (k,)."""
+    def compute_slope(w: FloatArray) -> Slope:
+        """Return −log φ at weights w (k,), and its derivatives with respect to w."""
         return criterion.slope(base + (w @ K.reshape(len(K), -1)).reshape(base.shape), K)
 
-    w, at, last = weights, slope(weights), np.inf
+    w, at, last = weights, compute_slope(weights), np.inf
     for _ in range(_STEPS):
-        step = _newton_step(at, w)
+        step = _compute_newton_step(at, w)
         # The step sums to zero, so the weighted mean of the gradient is subtracted to lessen rounding.
         decrement = -float((at.gradient - at.gradient @ w) @ step)
         if decrement <= _CONVERGED:
@@ -646,7 +667,7 @@ def optimise_weights(
         for size in 0.5 ** np.arange(_HALVINGS + 1):
             moved = np.maximum(w + size * step, 0.0)
             moved /= moved.sum()
-            after = slope(moved)
+            after = compute_slope(moved)
             if decrement < _QUADRATIC or after.value <= at.value - _DECREASE * size * decrement:
                 break
         if decrement < _QUADRATIC and last <= decrement:
@@ -655,18 +676,19 @@ def optimise_weights(
     return w
 
 
-def _newton_step(at: Slope, w: FloatArray) -> FloatArray:
+def _compute_newton_step(at: Slope, w: FloatArray) -> FloatArray:
     """Return the step (k,) from weights w to the minimum of the quadratic model on the simplex.
 
     The step is solved by non-negative least squares with a heavy row for Σ x = 1 (Lawson & Hanson 1974,
-    chapter 23). The weighted mean is subtracted from the gradient: the row has no pull at the optimum.
+    chapter 23). The weighted mean is subtracted from the gradient, so that at the optimum the heavy
+    row has no effect.
     """
     ridge = _RIDGE * np.trace(at.hessian) / len(w) * np.eye(len(w))
     try:
         root = np.linalg.cholesky(at.hessian + ridge).T
     except np.linalg.LinAlgError:
         raise SolverError(
-            "the readings of the plan tell parameters so unequally that rounding hides some",
+            "the readings of the plan determine some parameters so badly that rounding hides them",
             remedy="give loads and postures of plausible size, or name the joints to be determined",
             where="candidates",
         ) from None
@@ -681,8 +703,8 @@ def optimise_worst_place(
 ) -> tuple[FloatArray, FloatArray]:
     """Minimise the variance at the worst place, by the dual problem over shares π of the places.
 
-    The dual is ``max_π min_w Σ π_r tr(W_r M(w)⁻¹)``, concave in π; its slope are the variances at the best
-    weights.
+    The dual is ``max_π min_w Σ π_r tr(W_r M(w)⁻¹)``, concave in π; its gradient is the variances at the
+    best weights.
 
     Args:
         criterion: φ.
@@ -696,9 +718,9 @@ def optimise_worst_place(
     count, best = len(criterion.places), weights
 
     def negative_log_dual(shares: FloatArray) -> tuple[float, FloatArray]:
-        """Return −log of the dual function at shares (R,), and its gradient; keep the best weights."""
+        """Return −log of the dual function at shares (R,), and its gradient; update `best` (the weights)."""
         nonlocal best
-        best = optimise_weights(criterion.average(np.maximum(shares, 0.0)), base, K, best)
+        best = optimise_weights(criterion.build_mean_criterion(np.maximum(shares, 0.0)), base, K, best)
         variances = criterion.variances(base + np.tensordot(best, K, axes=1))
         mean_variance = float(shares @ variances)
         return -float(np.log(mean_variance)), -variances / mean_variance

@@ -18,7 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from jointstiff.schemas.fields import validated
+from jointstiff.schemas.fields import validate_list
 from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.schemas.plan import MAX_READINGS, DeflectionGoal, JointsGoal, PlanCriterion
 from jointstiff.schemas.run import Advice
@@ -38,7 +38,7 @@ from jointstiff.solver.design.optimum import (
     GOptimality,
     SmoothCriterion,
     compute_uncertainties,
-    optimise,
+    optimise_design,
 )
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.estimate import Estimate
@@ -122,17 +122,17 @@ class CampaignPlan:
 
 
 def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
-    """Plan a campaign: choose readings with a certificate, hold some out, and order them.
+    """Plan a campaign: choose the readings, hold some of them out for validation, and order all.
 
     Args:
         robot: q joints.
         request: equipment, rules and number of readings, or a goal.
 
     Raises:
-        RequestError: no reading is feasible, nothing excites a joint, there are too few readings or distinct
-            postures.
+        RequestError: no reading is feasible, no load twists a joint, or there are too few readings or too few
+            distinct postures.
     """
-    pool = Pool.of(robot, request)
+    pool = Pool.from_request(robot, request)
     s = len(pool.parameters.joints)
     distinct = Distinct(pool.readings.joints, request.angle)
     criteria, worst = _build_criteria(pool, request)
@@ -147,10 +147,10 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         raise RequestError(
             f"{fitted} readings without those held out do not determine {s} joints",
             where="readings",
-            remedy="ask for more readings, or a smaller share for validation",
+            remedy="request more readings, or a smaller share for validation",
         )
     problem = DesignProblem(pool.candidates, criteria[request.criterion], fitted, pool.base)
-    design = optimise(problem, _LINKS_GAP if request.links else None)
+    design = optimise_design(problem, _LINKS_GAP if request.links else None)
     exact = find_exact_design(problem, design, distinct, seed=request.seed)
     M = exact.matrix
     # Bound the efficiency of the list by the requested criterion, and by the other smooth ones.
@@ -160,7 +160,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
             efficiencies[name] = exact.efficiency
         elif isinstance(criterion, SmoothCriterion):
             other = DesignProblem(pool.candidates, criterion, fitted, pool.base)
-            best = optimise(other, _LINKS_GAP if request.links else _OTHERS_GAP)
+            best = optimise_design(other, _LINKS_GAP if request.links else _OTHERS_GAP)
             efficiencies[name] = bound_list_efficiency(other, distinct, M, best)
     deflection = None
     if worst is not None:
@@ -193,7 +193,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         deflection=deflection,
         random=average_random_plans(problem, M, s, request.seed),
         one_at_a_time=plan_one_at_a_time(problem, distinct, M, s),
-        goal_share=None if request.goal is None else goal_share(pool, request.goal, M),
+        goal_share=None if request.goal is None else compute_goal_share(pool, request.goal, M),
     )
 
 
@@ -203,7 +203,7 @@ def _build_criteria(
     """Build the criteria that apply to a plan.
 
     Returns:
-        The criteria by name; and that of the worst place, None without a work area.
+        The criteria by name; and the criterion of the worst place, None without a work area.
 
     Raises:
         RequestError: the requested criterion needs a work area.
@@ -227,8 +227,8 @@ def _build_criteria(
     return criteria, worst
 
 
-def goal_share(pool: Pool, goal: JointsGoal | DeflectionGoal, M: FloatArray) -> float:
-    """Return the expanded uncertainty by information M (p, p), relative to that of the goal.
+def compute_goal_share(pool: Pool, goal: JointsGoal | DeflectionGoal, M: FloatArray) -> float:
+    """Return the expanded uncertainty after readings with information M (p, p), over the goal's uncertainty.
 
     Raises:
         RequestError: the goal is about deflections, and there is no work area.
@@ -246,27 +246,28 @@ def goal_share(pool: Pool, goal: JointsGoal | DeflectionGoal, M: FloatArray) -> 
 
 
 def find_least_readings(pool: Pool, request: PlanRequest, criterion: Criterion, distinct: Distinct) -> int:
-    """Find the least number of readings, those held out included, that meets the goal.
+    """Find the least number of readings that meets the goal, readings held out included.
 
-    Uncertainties fall nearly with the root of the number of readings. This gives a bracket, which is halved.
+    Uncertainties fall nearly with the root of the number of readings, which gives an interval that contains
+    the number; bisection then finds the number.
 
     Raises:
         RequestError: the greatest number of readings of a plan does not meet the goal.
     """
     goal, s = request.goal, len(pool.parameters.joints)
-    a_reading = (3 if request.directions is None else 1) * len(request.equipment.targets)
-    least = 1 if request.so_far is not None else -(-s // a_reading)
+    coordinates = (3 if request.directions is None else 1) * len(request.equipment.targets)
+    least = 1 if request.so_far is not None else -(-s // coordinates)
     most = MAX_READINGS - round(request.validation * MAX_READINGS)
 
-    def share(fitted: int) -> float:
-        """Return the uncertainty relative to that of the goal, with a number of fitted readings."""
+    def compute_share(fitted: int) -> float:
+        """Return the uncertainty with so many fitted readings, relative to the uncertainty of the goal."""
         problem = DesignProblem(pool.candidates, criterion, fitted, pool.base)
-        design = optimise(problem, _LINKS_GAP if request.links else None)
+        design = optimise_design(problem, _LINKS_GAP if request.links else None)
         M = find_exact_design(problem, design, distinct, seed=request.seed).matrix
-        return 0.0 if goal is None else goal_share(pool, goal, M)
+        return 0.0 if goal is None else compute_goal_share(pool, goal, M)
 
     low, high = least - 1, least
-    while (reached := share(high)) > 1.0:
+    while (reached := compute_share(high)) > 1.0:
         if high >= most:
             raise RequestError(
                 f"{MAX_READINGS} readings leave {figure(reached, '.3g')} times the uncertainty of the goal",
@@ -276,7 +277,7 @@ def find_least_readings(pool: Pool, request: PlanRequest, criterion: Criterion, 
         low, high = high, min(most, max(high + 1, int(min(high * reached**2, most))))
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (low, middle) if share(middle) <= 1.0 else (middle, high)
+        low, high = (low, middle) if compute_share(middle) <= 1.0 else (middle, high)
     count = high
     while count - round(request.validation * count) < high:
         count += 1
@@ -290,8 +291,8 @@ def _draw_validation_readings(
 
     Args:
         pool: feasible candidates.
-        distinct: rule that postures differ.
-        chosen: indices of the readings that are fitted.
+        distinct: rule that two postures must differ.
+        chosen: indices of the readings that are used in the fit.
         count: number of readings to draw.
         seed: seed of the draw.
 
@@ -309,13 +310,15 @@ def _draw_validation_readings(
         raise RequestError(
             f"{len(validation)} of {count} readings for validation are in postures distinct from the others",
             where="distinct_angle",
-            remedy="ask for fewer readings, a smaller angle, or more candidates",
+            remedy="request fewer readings, a smaller angle, or more candidates",
         )
-    return pool.candidates.under(np.array(validation, dtype=np.intp), _draw_directions(random, count))
+    return pool.candidates.build_atoms_under(
+        np.array(validation, dtype=np.intp), _draw_directions(random, count)
+    )
 
 
 def _divide_into_blocks(information: FloatArray, base: FloatArray, criterion: Criterion) -> IndexArray:
-    """Divide n readings into blocks of four, so that each block is a good plan by itself.
+    """Divide n readings into blocks of four readings, so that each block is a good plan by itself.
 
     Readings are exchanged between blocks while the product of the blocks' φ grows. The last block has the
     remaining readings.
@@ -331,14 +334,16 @@ def _divide_into_blocks(information: FloatArray, base: FloatArray, criterion: Cr
     count = len(information)
     block = np.minimum(np.arange(count) // _BLOCK, max(count // _BLOCK - 1, 0))
     total = base + information.sum(axis=0)
-    vague = _SHARE_BEFORE * np.diag(np.diagonal(total))  # a few readings of a gauge alone would be singular
+    vague = _SHARE_BEFORE * np.diag(
+        np.diagonal(total)
+    )  # alone, a few readings with a dial gauge would be singular
 
-    def value(members: BoolArray) -> float:
+    def compute_log_information(members: BoolArray) -> float:
         """Return log φ of the readings marked in a mask (n,)."""
         value = criterion.information(base + vague + information[members].sum(axis=0))
         return float(np.log(np.maximum(value, 1e-300)))
 
-    values = [value(block == b) for b in range(1 + int(block.max()))]
+    values = [compute_log_information(block == b) for b in range(1 + int(block.max()))]
     random = np.random.default_rng(0)
     for _ in range(_SWAPS if len(values) > 1 else 0):
         i, j = random.choice(count, 2, replace=False)
@@ -346,7 +351,7 @@ def _divide_into_blocks(information: FloatArray, base: FloatArray, criterion: Cr
         if a == b:
             continue
         block[i], block[j] = b, a
-        exchanged = value(block == a), value(block == b)
+        exchanged = compute_log_information(block == a), compute_log_information(block == b)
         if sum(exchanged) > values[a] + values[b]:
             values[a], values[b] = exchanged
         else:
@@ -402,19 +407,19 @@ class Distinct:
     angle: float
 
     def find_conflicts(self, candidate: int, index: IndexArray | slice = slice(None)) -> BoolArray:
-        """Return a mask of candidates whose postures are not distinct from that of one candidate.
+        """Return a mask of the candidates whose postures are too near that of a given candidate.
 
         Args:
-            candidate: index of the one candidate.
-            index: indices of the candidates to compare; all by default.
+            candidate: index of the given candidate.
+            index: indices of the candidates that are compared with it; all by default.
         """
         return np.asarray(np.abs(self.postures[index] - self.postures[candidate]).max(axis=1) < self.angle)
 
     def bound_mean_price(self, prices: FloatArray, count: int) -> float:
-        """Bound the mean price of any list of distinct readings.
+        """Return an upper bound on the mean price of any list of distinct readings.
 
         Two postures in one cell of a grid narrower than the angle are not distinct, so a list has at most one
-        reading of each cell: the mean of the greatest prices of as many cells bounds it, whatever the grid.
+        reading in each cell. With any grid, the mean of the `count` greatest prices of cells is a bound.
 
         Args:
             prices: (N,) price of each candidate.
@@ -452,17 +457,17 @@ def find_exact_design(
 ) -> ExactDesign:
     """Find a list of n distinct readings with a great φ, starting from optimal weights.
 
-    Readings are chosen one by one, with the optimal weights in place of those still to be chosen. Then each
-    is exchanged for others as long as φ grows.
+    Readings are chosen one by one; the optimal weights represent readings not yet chosen. Then readings
+    are exchanged for other candidates as long as φ grows.
 
     Args:
         problem: readings to choose from, and the criterion.
         design: optimal weights of the problem.
-        distinct: rule that postures of a list differ.
+        distinct: rule that two postures of a list must differ.
         seed: seed of the restarts.
 
     Raises:
-        RequestError: there are not as many distinct postures.
+        RequestError: there are fewer distinct postures than readings.
     """
     search = _ExchangeSearch(problem, design, distinct)
     expected = (design.matrix * problem.squares - problem.base) / problem.readings
@@ -480,9 +485,10 @@ def find_exact_design(
 def bound_list_efficiency(
     problem: DesignProblem, distinct: Distinct, M: FloatArray, optimum: Design
 ) -> float:
-    """Return a lower bound on the φ of a list relative to the greatest φ of all lists under the same rules.
+    """Return a lower bound on φ of a list over the greatest φ of all lists that obey the same rules.
 
-    Any supporting matrix proves a bound; those of mixtures of the list and the optimal weights are tried.
+    Each supporting matrix proves a bound. The matrices of mixtures of the list and the optimal weights are
+    tried, and the best bound is returned.
 
     Args:
         problem: readings to choose from, and the criterion.
@@ -503,12 +509,12 @@ def bound_list_efficiency(
 def _complete_list(
     problem: DesignProblem, distinct: Distinct, kept: list[Atoms], expected: FloatArray
 ) -> list[Atoms]:
-    """Complete a list by adding, one by one, the reading of the best price.
+    """Complete a list of readings by adding, one by one, the candidate of the greatest price.
 
     Args:
         problem: readings to choose from, and the criterion.
         distinct: rule that postures of a list differ.
-        kept: readings to begin with.
+        kept: readings that are already in the list.
         expected: (p, p) mean information expected of each reading still to be chosen.
 
     Raises:
@@ -524,7 +530,7 @@ def _complete_list(
                 f"only {len(atoms)} candidates are in postures {np.degrees(distinct.angle):.3g}° "
                 f"apart, but {problem.readings} readings are requested",
                 where="distinct_angle",
-                remedy="ask for fewer readings, a smaller angle, or more candidates",
+                remedy="request fewer readings, a smaller angle, or more candidates",
             )
         G = problem.criterion.support(M + (problem.readings - len(atoms)) * expected)
         atoms.append(problem.candidates.best(G, free))
@@ -547,16 +553,16 @@ class _ExchangeSearch:
         return np.asarray(self._base + sum(each.information[0] for each in atoms))
 
     def improve(self, atoms: list[Atoms]) -> list[Atoms]:
-        """Exchange one reading of a list at a time while φ grows, and return the new list."""
+        """Return a list improved by exchanging one reading at a time for another candidate while φ grows."""
         atoms = list(atoms)
         near = np.array([self._distinct.find_conflicts(each.index[0], self._pool) for each in atoms])
-        taken = near.sum(axis=0)  # number of readings in conflict with each candidate
+        conflicts = near.sum(axis=0)  # number of readings in conflict with each candidate
         M = self.matrix(atoms)
         for _ in range(max(2, _EXCHANGES // len(atoms))):
             before = value = self._criterion.information(M)
             for i, old in enumerate(atoms):
                 # Search a candidate that adds more to the other readings than the one taken out.
-                rest, free = M - old.information[0], taken == near[i]
+                rest, free = M - old.information[0], conflicts == near[i]
                 at = rest if self._criterion.information(rest) > 1e-6 * value else M
                 G = self._criterion.support(at)
                 prices = np.where(free, self._candidates.prices(G), -np.inf)
@@ -566,16 +572,18 @@ class _ExchangeSearch:
                 if not best:
                     continue
                 M = rest + tried.information[best - 1]
-                taken, atoms[i] = taken - near[i], tried[best - 1 : best].map_indices(self._pool)
+                conflicts = conflicts - near[i]
+                atoms[i] = tried[best - 1 : best].map_indices(self._pool)
                 near[i] = self._distinct.find_conflicts(atoms[i].index[0], self._pool)
-                taken, value = taken + near[i], self._criterion.information(M)
+                conflicts = conflicts + near[i]
+                value = self._criterion.information(M)
             if value <= _IMPROVES * before:
                 break
         return atoms
 
 
 def average_random_plans(problem: DesignProblem, M: FloatArray, s: int, seed: int) -> OtherPlan:
-    """Average random plans of the same candidates, for comparison with a list.
+    """Compute the mean efficiency and uncertainties of random plans, for comparison with a list.
 
     Args:
         problem: readings to choose from, and the criterion.
@@ -587,7 +595,7 @@ def average_random_plans(problem: DesignProblem, M: FloatArray, s: int, seed: in
     n, values, variances = problem.readings, [], []
     for _ in range(_RANDOM_PLANS):
         index = random.integers(0, len(problem.candidates), n)
-        drawn = problem.candidates.under(index, _draw_directions(random, n)).information
+        drawn = problem.candidates.build_atoms_under(index, _draw_directions(random, n)).information
         other = problem.base + drawn.sum(axis=0)
         values.append(problem.criterion.information(other))
         variances.append(np.square(compute_uncertainties(other / problem.squares, s)))
@@ -596,7 +604,7 @@ def average_random_plans(problem: DesignProblem, M: FloatArray, s: int, seed: in
 
 
 def plan_one_at_a_time(problem: DesignProblem, distinct: Distinct, M: FloatArray, s: int) -> OtherPlan:
-    """Plan readings one at a time, each the best next one, for comparison with a list.
+    """Plan readings one at a time, each the best next reading, for comparison with a list.
 
     Args:
         problem: readings to choose from, and the criterion.
@@ -606,6 +614,7 @@ def plan_one_at_a_time(problem: DesignProblem, distinct: Distinct, M: FloatArray
     """
     M = M * problem.squares
     other = problem.base
+    # A little of the list's information makes the matrix regular before the first readings are chosen.
     for atoms in _complete_list(problem, distinct, [], _SHARE_BEFORE / problem.readings * (M - problem.base)):
         other = other + atoms.information[0]
     efficiency = float(problem.criterion.information(other) / problem.criterion.information(M))
@@ -659,12 +668,18 @@ class ReadablePostures:
     turns: Stack  #: (M,) motion of the targets by a turn of each joint
 
     @classmethod
-    def of(
+    def from_observations(
         cls, robot: Robot, measurements: Measurements, joints: FloatArray, observation: IndexArray
     ) -> ReadablePostures:
-        """Compute the Jacobians, for the targets of the observation that read most targets.
+        """Compute the Jacobians in M postures, for the targets of the observation that read most targets.
 
-        A posture of the set has its own load point; a new posture has that of the strongest force.
+        A posture of the set keeps its load point; a new posture gets the load point of the strongest force.
+
+        Args:
+            robot: n joints.
+            measurements: N observations.
+            joints: (M, n) postures, controller's angles [rad].
+            observation: (M,) index of the observation with this posture; −1 for a new posture.
         """
         strongest = int(np.argmax(np.linalg.norm(measurements.force, axis=1)))
         richest = int(np.argmax(measurements.coordinates.sum(axis=1)))
@@ -678,7 +693,7 @@ class ReadablePostures:
             load_point=measurements.load_point[np.where(observation < 0, strongest, observation)],
         )
         block = unloaded_block(robot, Postures(robot, robot.joint_map.model_angles(joints)), readable)
-        turns = Stack.of([block], [TURNS], np.zeros(robot.n))
+        turns = Stack.from_blocks([block], [TURNS], np.zeros(robot.n))
         return cls(joints, observation, block.load_jacobian, turns)
 
     def __len__(self) -> int:
@@ -692,6 +707,8 @@ class ReadablePostures:
     def information(self, force: FloatArray) -> FloatArray:
         """Return the information ``diag(τ) (Σ_t J_tᵀ Σ_t⁻¹ J_t) diag(τ)`` of a reading under each force.
 
+        τ are the joint torques of the force; J_t moves target t with the joints, and Σ_t is its covariance.
+
         Args:
             force: (M, D, 3) forces in each posture [N].
 
@@ -702,12 +719,12 @@ class ReadablePostures:
         return np.asarray(self.turns.grams[:, None, :-1, :-1] * torque[..., :, None] * torque[..., None, :])
 
 
-def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tuple[Advice, ...]:
+def advise_next_readings(robot: Robot, measurements: Measurements, estimate: Estimate) -> tuple[Advice, ...]:
     """Advise on the best next reading for each joint that is poorly determined.
 
     For each joint two candidates are compared: a posture of the set under a load in another direction, and a
-    new posture (under the same load if the loads are weights). The harder one is left out if the easier one
-    is about as good, and any that gains next to nothing.
+    new posture (under the same load if the loads are weights). The candidate that is harder to take is left
+    out if the easier candidate is about as good; candidates that gain next to nothing are left out, too.
 
     Returns:
         At most two pieces of advice for each joint, the better first; none where all joints are well
@@ -736,7 +753,7 @@ def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tupl
     observation = np.concatenate([spread, np.full(len(new), -1, dtype=np.intp)])
     if not len(all_joints):
         return ()
-    postures = ReadablePostures.of(robot, measurements, all_joints, observation)
+    postures = ReadablePostures.from_observations(robot, measurements, all_joints, observation)
     of_set, unseen = postures[: len(spread)], postures[len(spread) :]
     advice: list[dict[str, Any]] = []
     for measured, unmeasured in zip(
@@ -749,14 +766,14 @@ def advise(robot: Robot, measurements: Measurements, estimate: Estimate) -> tupl
         if len(useful) == 2 and useful[0][0] <= LITTLE_MORE * useful[1][0]:
             useful = useful[:1]
         advice += [piece for _, piece in sorted(useful, key=itemgetter(0))]
-    return tuple(validated(Advice, advice))
+    return tuple(validate_list(Advice, advice))
 
 
 def draw_new_postures(robot: Robot, measurements: Measurements, count: int) -> FloatArray:
     """Draw new postures in whole degrees and millimetres, within the range of the set and the joints' limits.
 
-    The draw is the same at each call. A joint that the set hardly moves is moved by `_LEAST_SPAN`, as such a
-    posture may be the one missing.
+    The draw is the same at each call. A joint that the set hardly moves is varied by `_LEAST_SPAN`, because
+    the set may lack just these postures.
 
     Args:
         robot: n joints.
@@ -767,9 +784,9 @@ def draw_new_postures(robot: Robot, measurements: Measurements, count: int) -> F
         (M, n) [rad or m].
     """
     least, greatest = measurements.joints.min(axis=0), measurements.joints.max(axis=0)
-    half = np.maximum(greatest - least, robot.by_kind(*_LEAST_SPAN)) / 2.0
+    half = np.maximum(greatest - least, robot.select_by_kind(*_LEAST_SPAN)) / 2.0
     draws = np.random.default_rng(_SEED).uniform(-1.0, 1.0, (_DRAWS * count, robot.n))
-    joints = robot.in_whole_units((least + greatest) / 2.0 + half * draws)
+    joints = robot.round_to_whole_units((least + greatest) / 2.0 + half * draws)
     return joints[robot.within_limits(joints)][:count]
 
 
@@ -816,7 +833,7 @@ class _NextReading:
     def best(
         self, postures: ReadablePostures, joints: IndexArray, *, all_directions: bool
     ) -> list[Candidate | None]:
-        """Return for each joint the candidate that leaves the least uncertainty, or None.
+        """Return for each joint the candidate after which the joint's uncertainty is least, or None.
 
         Args:
             postures: M postures to choose from.
@@ -838,10 +855,10 @@ class _NextReading:
         return best
 
     def _propose_forces(self, postures: ReadablePostures, across: IndexArray) -> FloatArray:
-        """Propose forces (M, D, 3) [N]: the set's own; and, if joints are given, other directions.
+        """Propose D forces (M, D, 3) [N] in each posture: the set's own, and other directions.
 
-        The other directions are those of a cube, and for each joint in `across` the one that twists the joint
-        most.
+        Other directions are proposed only if `across` names joints: towards faces, edges and corners of a
+        cube, and for each of these joints the direction that twists the joint most.
         """
         own = self._own / self._strength
         count = len(postures)
@@ -860,9 +877,11 @@ class _NextReading:
     def _describe_advice(
         self, joint: int, postures: ReadablePostures, m: int, force: FloatArray
     ) -> Candidate | None:
-        """Return the standard uncertainty after a candidate and the fields of its advice, or None.
+        """Describe the advice to take one candidate as the next reading.
 
-        It is None if the candidate does not determine the joint.
+        Returns:
+            The joint's standard uncertainty after the reading, in units of sigma, and the fields of `Advice`;
+            None if the candidate does not determine the joint.
 
         Args:
             joint: index of the joint.
@@ -910,10 +929,10 @@ class _NextReading:
         }
 
     def _describe_uncertainty(self, joint: int, uncertainty: float | None) -> tuple[str, list[str]]:
-        """Return "stiffness" or "compliance", and its uncertainty in words; an empty list if that is unknown.
+        """Return the quantity, "stiffness" or "compliance", and a list with its uncertainty in words.
 
-        Compliance is used where it is less than its uncertainty [rad/(N·m)]: that of the stiffness then
-        means nothing.
+        The list is empty if the uncertainty is unknown (None). A compliance below its uncertainty
+        [rad/(N·m)] is stated instead of the stiffness, whose uncertainty would then mean nothing.
         """
         kind, compliance = self._kinds[joint], self._compliance[joint]
         whose = "stiffness" if compliance > (uncertainty or 0.0) else "compliance"

@@ -105,21 +105,21 @@ class Assessment:
     reasons: tuple[Finding, ...]  #: most severe first; none where the verdict is "use"
     #: verdict on each joint, never better than that of a reason on the whole set or on this joint
     joints: tuple[Verdict, ...]
-    notes: tuple[str, ...] = ()  #: checks that the readings do not allow, in words
-    remarks: tuple[Finding, ...] = ()  #: of the weight "use", for information
+    notes: tuple[str, ...] = ()  #: sentences on assumptions, and on checks that the readings do not allow
+    remarks: tuple[Finding, ...] = ()  #: findings of the weight "use", which do not change the verdict
 
-    def supported(self, prediction: Prediction) -> Prediction:
-        """Return a prediction without the numbers that mean nothing for this assessment.
+    def drop_meaningless_numbers(self, prediction: Prediction) -> Prediction:
+        """Return a prediction without the numbers that mean nothing after this assessment.
 
-        After an exact fit, or a mistake in the data, there is no compensation and no contribution of joints;
-        without an identified joint there is no contribution.
+        After an exact fit or a mistake in the data, the compensation and the contributions of the joints are
+        removed; if no joint is identified, only the contributions are.
         """
         codes = {reason.code for reason in self.reasons}
-        exact = bool(codes & (ROOT_MISTAKES | {"no_residual_freedom"}))
+        meaningless = bool(codes & (ROOT_MISTAKES | {"no_residual_freedom"}))
         return replace(
             prediction,
-            compensation=None if exact else prediction.compensation,
-            contributions=None if exact or "no_joint_identified" in codes else prediction.contributions,
+            compensation=None if meaningless else prediction.compensation,
+            contributions=None if meaningless or "no_joint_identified" in codes else prediction.contributions,
         )
 
 
@@ -130,7 +130,7 @@ def assess(
 
     Args:
         joints: identification by joints alone, with measurements and findings of their integrity checks.
-        estimate: estimate to be assessed, by joints alone or by a model with links or base.
+        estimate: estimate to be derive_assessment, by joints alone or by a model with links or base.
         prediction: prediction of the same measurements by the estimate.
         screening: tests for other causes of the deflections, with the cross-validation if models were
             compared; None without tests.
@@ -144,7 +144,7 @@ def assess(
         for group in roots:  # findings of one code become one reason, but each fitting robot stays a choice
             choices = group[0].code == "another_robot_fits"
             reasons += group if choices else [_summarise_findings(group, group[0].action)]
-        return replace(assessed(estimate.joints, reasons), notes=notes)
+        return replace(derive_assessment(estimate.joints, reasons), notes=notes)
     better = joints.find_gross_mistake(estimate)
     if better is not None:
         findings = [finding for finding in findings if finding.code not in _SAME_MISTAKES]
@@ -154,7 +154,11 @@ def assess(
         screening = None
     causes: Sequence[Cause] = () if screening is None else screening.causes
     if better is not None:
-        if screening is not None and screening.proved and causes[0].ratio < LARGEST_RATIO * better.ratio:
+        if (
+            screening is not None
+            and screening.makes_links_unnecessary
+            and causes[0].ratio < LARGEST_RATIO * better.ratio
+        ):
             better = None
         else:
             screening, causes = None, ()
@@ -167,7 +171,7 @@ def assess(
             measurements, estimate, prediction, screening, explained=gross or better is not None
         ),
     )
-    return replace(assessed(estimate.joints, found), notes=notes)
+    return replace(derive_assessment(estimate.joints, found), notes=notes)
 
 
 def _list_notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]:
@@ -181,13 +185,13 @@ def _list_notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]
             f"{deflection}. If N and kgf are confused, every stiffness is wrong by {kgf:.3g}, and no "
             "reading shows it."
         )
-    if estimate.common is not None and estimate.common.of("assumed_load_point").any():
+    if estimate.common is not None and estimate.common.responses_to("assumed_load_point").any():
         yield (
             f"Load point: ±{1e3 * ASSUMED_LOAD_POINT:g} mm assumed. Measure where the force acts on the "
             "flange, and enter its uncertainty (`noise.load_point`; on the page: Advanced, Uncertainty of "
             "the load point)."
         )
-    if estimate.common is not None and estimate.common.of("assumed_force_scale").any():
+    if estimate.common is not None and estimate.common.responses_to("assumed_force_scale").any():
         yield (
             f"Forces: ±{100 * ASSUMED_FORCE_SCALE:g} % assumed. Enter the uncertainty of the load cell or of "
             "the weight (`noise.force.scale`; on the page: Advanced, Scale of the force)."
@@ -199,12 +203,16 @@ def _list_notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]
         )
 
 
-def assessed(joints: Sequence[JointCompliance], findings: Iterable[Finding]) -> Assessment:
-    """Return the assessment that follows from the joints' statuses and from findings, most severe first."""
+def derive_assessment(joints: Sequence[JointCompliance], findings: Iterable[Finding]) -> Assessment:
+    """Return the assessment that follows from findings and from the status of each joint.
+
+    The verdict is that of the most severe finding; reasons and remarks are in order of severity.
+    """
     ordered = tuple(sorted(findings, key=lambda finding: -_ORDER[finding.weight]))
     names = {joint.name for joint in joints}
     verdicts = []
-    for joint in joints:  # by its status, capped by the findings that concern it
+    for joint in joints:
+        # The verdict follows from the joint's status, and from findings on the joint or on the whole set.
         weights = [finding.weight for finding in ordered if finding.where not in names - {joint.name}]
         verdicts.append(max([_BY_STATUS[joint.status], *weights], key=_ORDER.__getitem__))
     return Assessment(
@@ -215,7 +223,7 @@ def assessed(joints: Sequence[JointCompliance], findings: Iterable[Finding]) -> 
     )
 
 
-_UNDONE: Final[dict[AlternativeKind, tuple[str, str]]] = {
+_ALTERNATIVE_TEXTS: Final[dict[AlternativeKind, tuple[str, str]]] = {
     "columns_exchanged": (
         "the columns of {first} and {last} exchanged",
         "check the columns of {first} and {last}; if they are exchanged, exchange them back",
@@ -243,7 +251,7 @@ _UNDONE: Final[dict[AlternativeKind, tuple[str, str]]] = {
 
 
 def report_alternative(robot: Robot, measurements: Measurements, better: BetterAlternative) -> Finding:
-    """Return the finding that undoing a mistake in the data explains the readings far better."""
+    """Return the finding that the readings are explained far better after undoing a mistake in the data."""
     alternative = better.alternative
     names = [robot.joint_names[j] for j in alternative.joints]
     first, last = (alternative.joints[0], alternative.joints[-1]) if names else (0, 0)
@@ -255,7 +263,7 @@ def report_alternative(robot: Robot, measurements: Measurements, better: BetterA
         "turn": float(np.degrees(alternative.offset[first])),
         "coupled": "added to" if alternative.matrix[last, first] > 0.0 else "taken from",
     }
-    what, remedy = (text.format(**words) for text in _UNDONE[alternative.kind])
+    what, remedy = (text.format(**words) for text in _ALTERNATIVE_TEXTS[alternative.kind])
     if alternative.target is not None:
         action = Action.of("exchange_load_and_target", target=measurements.targets[alternative.target])
     elif alternative.kind == "columns_exchanged":
@@ -283,35 +291,39 @@ def report_alternative(robot: Robot, measurements: Measurements, better: BetterA
 
 
 def report_causes(causes: Sequence[Cause], estimate: Estimate) -> Finding:
-    """Return the finding that a cause explains the readings better, or several causes that do so equally.
+    """Return the finding that joints and a cause explain the readings better than joints alone.
 
-    Its weight is "do_not_use" if the causes are proved and change a compliance by more than `HARMFUL`. A
-    change by the load point counts only beyond the uncertainty that the intervals already include: an assumed
-    load point includes 10 mm, while a load point stated to 1 mm does not.
+    Several causes may do so equally well. The weight of the finding is "do_not_use" if the causes make links
+    unnecessary and change a compliance by more than `HARMFUL`. A change by the load point counts only beyond
+    the uncertainty that the intervals already include: an assumed load point includes 10 mm, while a load
+    point stated to 1 mm does not.
     """
-    whats, remedies, changes, harm = [], [], [0.0], False
+    descriptions, remedies, changes, harm = [], [], [0.0], False
     for cause in causes:
         term = cause.suspect.term
-        whats.append(term.words.format(unknowns_text(term.unit, cause.unknowns.tolist())))
+        descriptions.append(term.words.format(unknowns_text(term.unit, cause.unknowns.tolist())))
         remedies.append(term.remedy)
         known = estimate.estimated & (estimate.compliance > 0.0) & (cause.compliance > 0.0)
         change = np.abs(cause.compliance[known] / estimate.compliance[known] - 1.0)
         harmful = change > HARMFUL
         if cause.suspect.name == "load_point" and estimate.common is not None:
             # Changes that the intervals already cover do no harm.
-            sources = [estimate.common.of("assumed_load_point"), estimate.common.of("load_point")]
+            sources = [
+                estimate.common.responses_to("assumed_load_point"),
+                estimate.common.responses_to("load_point"),
+            ]
             covered = np.linalg.norm(np.hstack(sources)[known], axis=1)
             harmful &= change * estimate.compliance[known] > COVERED * covered
         changes.append(float(change.max(initial=0.0)))
         harm |= bool(harmful.any())
-    proved = all(cause.proved for cause in causes)
-    others = "" if proved else ", but links may bend as well"
+    links_unnecessary = all(cause.makes_links_unnecessary for cause in causes)
+    others = "" if links_unnecessary else ", but links may bend as well"
     return Finding(
         code="alternative_explains_better",
-        weight="do_not_use" if proved and harm else "use_with_care",
-        message=f"with {', or with '.join(whats)}, the joints explain the readings better than chance allows "
-        f"(F test, p = {max(cause.p_value for cause in causes):.1g}){others}; a compliance changes by "
-        f"{100 * max(changes):.2g} %",
+        weight="do_not_use" if links_unnecessary and harm else "use_with_care",
+        message=f"with {', or with '.join(descriptions)}, the joints explain the readings "
+        f"significantly better (F test, p = {max(cause.p_value for cause in causes):.1g}){others}; "
+        f"compliances change by up to {100 * max(changes):.2g} %",
         remedy="; ".join(dict.fromkeys(remedies)),
         action=Action.of(
             "fit_causes", causes=[NamedCause(name=c.suspect.name, first=c.suspect.first) for c in causes]
@@ -320,7 +332,7 @@ def report_causes(causes: Sequence[Cause], estimate: Estimate) -> Finding:
 
 
 def report_fitted_causes(measurements: Measurements) -> Iterator[Finding]:
-    """Yield a finding for each cause that was fitted with the joints, as the stated value is refuted."""
+    """Yield a finding for each cause that was fitted with the joints; its stated value is refuted."""
     fitted, start = fitted_errors(measurements), 0
     uncertainty = np.linalg.norm(fitted.root, axis=1)
     for term, values in zip(fitted.terms, fitted.unknowns, strict=True):
@@ -331,7 +343,7 @@ def report_fitted_causes(measurements: Measurements) -> Iterator[Finding]:
             code="cause_fitted",
             weight="use_with_care",
             message=f"{term.words.format(text)} (95 %) was fitted with the joints; the intervals include its "
-            "uncertainty, and the stated value stays refuted",
+            "uncertainty, and the readings contradict the stated value",
             remedy=term.remedy,
         )
 
@@ -343,9 +355,10 @@ def find_reading_problems(
     prediction: Prediction,
     findings: Sequence[Finding],
 ) -> Iterator[Finding]:
-    """Yield problems of the readings: the findings of integrity checks, one for each kind, and further ones.
+    """Yield findings on problems of the readings.
 
-    Errors of the whole set come first. Leaving observations out is proposed only for errors of few.
+    The findings of the integrity checks are merged into one for each kind, and those of the whole set come
+    first. Leaving observations out is proposed only if few observations are concerned.
     """
     labels = measurements.labels
     yield from _report_load_at_target(robot, measurements)
@@ -385,7 +398,7 @@ def _report_load_at_target(robot: Robot, measurements: Measurements) -> Iterator
 
     A single target may well be at the tool's point, so it is not reported.
     """
-    part = measurements.evenly(_PLACES)
+    part = measurements.select_evenly(_PLACES)
     if part.present.shape[1] < 2 or not part.force.any():
         return
     places = np.where(part.in_flange[..., None], part.position, targets_in_flange(robot, part))
@@ -434,7 +447,7 @@ def _report_outlying(
 
 
 def _group_by_code(findings: Sequence[Finding], weight: Verdict) -> list[list[Finding]]:
-    """Return the findings of one weight in groups of the same code, in the order of each group's first."""
+    """Return the findings of one weight in groups of the same code, in order of each code's first one."""
     weighty = [finding for finding in findings if finding.weight == weight]
     codes = dict.fromkeys(finding.code for finding in weighty)
     return [[finding for finding in weighty if finding.code == code] for code in codes]
@@ -447,7 +460,7 @@ def _list_observations(measurements: Measurements, group: Sequence[Finding]) -> 
 
 
 def _summarise_findings(group: Sequence[Finding], action: Action | None) -> Finding:
-    """Return one finding for several of the same kind: the first, with their number and an action."""
+    """Return the first finding of a group, with the number of the others in its message, and an action."""
     more = f" (and {len(group) - 1} more of this kind)" if len(group) > 1 else ""
     return group[0].model_copy(update={"message": group[0].message + more, "action": action})
 
@@ -460,7 +473,9 @@ def find_fit_problems(
     *,
     explained: bool = False,
 ) -> Iterator[Finding]:
-    """Yield the findings that an estimate and its prediction give; those for information have weight `use`.
+    """Yield findings on problems of an estimate and its prediction.
+
+    A finding of the weight `use` does not change the verdict.
 
     Args:
         measurements: N observations.
@@ -477,11 +492,11 @@ def find_fit_problems(
             "move as the joints of this one would move them"
         )
         # If the negated deflections fit, unloaded and loaded readings, or all forces, are reversed.
-        d = estimate.triangles.judged.rhs
+        d = estimate.triangles.all_readings.rhs
         if solve_nonnegative(estimate.regressor, -d)[1] < (1.0 - UNUSABLE_SHARE) * np.linalg.norm(d):
             remedy = "exchange unloaded and loaded readings, or change the sign of every force"
             action = Action.of("exchange_readings")
-    yield from unidentified(statuses, remedy, action)
+    yield from report_no_identified_joint(statuses, remedy, action)
     yield from _report_freedom(measurements, estimate)
     postures: list[FloatArray] = []
     for joints in measurements.joints:
@@ -493,8 +508,8 @@ def find_fit_problems(
         yield Finding(
             code="few_postures",
             weight="use_with_care",
-            message=f"{len(postures)} distinct posture{'s' if len(postures) > 1 else ''}: the stiffnesses "
-            "were not tested in other postures",
+            message=f"the set has {len(postures)} distinct posture{'s' if len(postures) > 1 else ''}, so the "
+            "stiffnesses were not tested in other postures",
             remedy=f"measure at least {_LEAST_POSTURES} postures that differ by {np.degrees(_DISTINCT):.0f}° "
             "or more",
         )
@@ -503,11 +518,13 @@ def find_fit_problems(
             measurements, estimate, joints_alone=prediction.contributions is not None
         )
         yield from _report_unexplained(measurements, estimate, prediction)
-    yield from find_implausible_results(estimate)
+    yield from report_implausible_results(estimate)
     yield from _report_links(prediction, screening)
 
 
-def unidentified(statuses: Sequence[str], remedy: str, action: Action | None = None) -> Iterator[Finding]:
+def report_no_identified_joint(
+    statuses: Sequence[str], remedy: str, action: Action | None = None
+) -> Iterator[Finding]:
     """Yield a finding if no joint has the status `identified`.
 
     Args:
@@ -542,9 +559,9 @@ def _report_freedom(measurements: Measurements, estimate: Estimate) -> Iterator[
         yield Finding(
             code="no_residual_freedom",
             weight="use_with_care" if known else "do_not_use",
-            message="there are as many parameters as readings, so the fit is exact whatever was measured: "
+            message="there are as many parameters as readings, so the fit reproduces any readings exactly: "
             f"{left}",
-            remedy="add observations: at least twice the present number",
+            remedy="measure at least twice as many observations",
         )
     elif sigma is not None and sigma < LEAST_SIGMA:
         yield Finding(
@@ -560,13 +577,14 @@ def _report_freedom(measurements: Measurements, estimate: Estimate) -> Iterator[
             code="sigma_implausible",
             weight="use_with_care",
             message=f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of a "
-            "reading; laser trackers have 10 to 40 µm, so most of it is what the model leaves unexplained",
+            "reading; laser trackers have 10 to 40 µm, so most of it comes from deflections that the model "
+            "does not explain",
             remedy="state `noise` from the instrument's data sheet; check geometry, angles and loads, and "
             "whether links bend",
         )
 
 
-def refuted_noise(measurements: Measurements, sigma: float | None) -> Iterator[Finding]:
+def report_refuted_noise(measurements: Measurements, sigma: float | None) -> Iterator[Finding]:
     """Yield a finding if the stated noise was refuted and sigma [m] comes from the residuals instead.
 
     Such a sigma counts deflections that the model does not explain as noise.
@@ -577,8 +595,9 @@ def refuted_noise(measurements: Measurements, sigma: float | None) -> Iterator[F
             code="residuals_exceed_sigma",
             weight="use_with_care",
             message=f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of a "
-            f"reading, {figure(sigma / refuted, '.3g')} times the {length_text(refuted)} that were stated "
-            "and that they refuted: deflections that the model does not explain are counted as noise",
+            f"reading, {figure(sigma / refuted, '.3g')} times the {length_text(refuted)} that were stated, "
+            "which the residuals contradict: deflections that the model does not explain are counted "
+            "as noise",
             remedy=_CHECK_NOISE,
         )
 
@@ -588,7 +607,7 @@ def _report_residuals(
 ) -> Iterator[Finding]:
     """Yield a finding if the residuals are larger or smaller than the stated sigma predicts."""
     test = estimate.sigma_test
-    yield from refuted_noise(measurements, estimate.sigma)
+    yield from report_refuted_noise(measurements, estimate.sigma)
     ratio = float(np.sqrt(estimate.chi_square / max(estimate.degrees_of_freedom, _LEAST_FREEDOM)))
     if test is None or test.result == "consistent" or abs(ratio - 1.0) < WORTH_A_WARNING:
         return
@@ -610,7 +629,8 @@ def _report_residuals(
             code="residuals_exceed_sigma",
             weight=weight,
             message=f"the residuals are {figure(ratio, '.3g')} times as large as the stated noise allows, so "
-            "the uncertainties are too small; how much depends on what the model leaves unexplained",
+            "the uncertainties are too small; by how much depends on deflections that the model does "
+            "not explain",
             remedy=_CHECK_NOISE,
             action=Action.of("omit_noise"),
         )
@@ -619,7 +639,10 @@ def _report_residuals(
 def _report_unexplained(
     measurements: Measurements, estimate: Estimate, prediction: Prediction
 ) -> Iterator[Finding]:
-    """Yield a finding if the joints explain too little; for information if the noise explains the rest."""
+    """Yield a finding if the joints explain too little of the deflections.
+
+    If the stated noise explains the rest, the finding has the weight `use`.
+    """
     share, noisy = prediction.compensation, residuals_within_noise(estimate)
     if share is None or share >= (UNUSABLE_SHARE if noisy else CARE_SHARE):
         return
@@ -628,19 +651,19 @@ def _report_unexplained(
     yield Finding(
         code="deflection_unexplained",
         weight="use" if noisy else weight,
-        message=f"the joints explain only {100 * share:.3g} % of the mean deflection; those of industrial "
-        "robots explain about 80 %",
+        message=f"the joints explain only {100 * share:.3g} % of the mean deflection; the joints of "
+        "industrial robots usually explain about 80 %",
         remedy="check the robot's model, the joint map, the frame and signs of the forces, and the units",
         action=Action.of("show_posture", [measurements.labels[norm.argmax()]]),
     )
 
 
-def find_implausible_results(estimate: Estimate) -> Iterator[Finding]:
-    """Yield findings on implausible results: dominant priors, odd stiffnesses, and a neglected K_c."""
+def report_implausible_results(estimate: Estimate) -> Iterator[Finding]:
+    """Yield findings on dominant priors, implausible stiffnesses, and a neglected K_c that matters."""
     for joint in estimate.joints:
         ratio = joint.prior_to_data
         if ratio is not None and ratio > 1.0:
-            says = (
+            description = (
                 "alone separates this joint from other joints"
                 if np.isinf(ratio)
                 else f"carries {figure(ratio, '.3g')} times as much information as the readings"
@@ -648,17 +671,18 @@ def find_implausible_results(estimate: Estimate) -> Iterator[Finding]:
             yield Finding(
                 code="prior_dominates",
                 weight="use_with_care",
-                message=f"the prior of {joint.name} {says}: the estimate mainly repeats the data sheet",
+                message=f"the prior of {joint.name} {description}: the estimate mainly repeats "
+                "the data sheet",
                 remedy="add loads and postures with more torque about its axis, or omit the prior to see "
                 "what was measured",
                 where=joint.name,
             )
-    yield from implausible_joints(estimate.joints)
+    yield from report_implausible_joints(estimate.joints)
     if estimate.complementary_stiffness is not None:
         yield from _report_complementary_stiffness(estimate.complementary_stiffness)
 
 
-def implausible_joints(joints: Sequence[JointCompliance]) -> Iterator[Finding]:
+def report_implausible_joints(joints: Sequence[JointCompliance]) -> Iterator[Finding]:
     """Yield a finding for each identified stiffness outside the range of industrial robots."""
     identified = {
         joint.name: 1.0 / joint.compliance if joint.compliance else np.inf
@@ -726,14 +750,14 @@ def _report_links(prediction: Prediction, screening: Screening | None) -> Iterat
         intervals = "the intervals of the stiffnesses contain the values of both models"
         if not prediction.joined:
             intervals = (
-                "the intervals of the stiffnesses are of the model with the base, too, because rounding "
-                "hides which links bend: no optimum of the model with links was certified"
+                "the intervals of the stiffnesses are computed from the model with the base only, because "
+                "the model with links has no certified solution: rounding hides which links bend"
             )
         yield Finding(
             code="links_or_base",
             weight="use_with_care",
-            message=f"{evidence}Links or the base bend: either predicts the held-out postures equally well. "
-            f"Predictions use the model with the base; {intervals}",
+            message=f"{evidence}Links or the base bend: a model with links and a model with a base predict "
+            f"the held-out postures equally well. Predictions use the model with the base; {intervals}",
             remedy="turn joint 1 between the readings, or put a target on the base plate",
         )
     elif prediction.bending == "base":
@@ -760,7 +784,8 @@ def _report_links(prediction: Prediction, screening: Screening | None) -> Iterat
             code="lack_of_fit",
             weight="use_with_care",
             message=bends,
-            remedy="let the readings choose the model (elasticity automatic), or use these stiffnesses, of "
-            "joints and links together, for postures and loads like these only",
+            remedy="set elasticity to automatic, so that the readings choose the model; otherwise use these "
+            "stiffnesses, which include the bending of links, only for postures and loads like the measured "
+            "ones",
             action=Action.of("choose_model") if gain is None and screening.comparable else None,
         )

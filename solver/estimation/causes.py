@@ -40,10 +40,10 @@ from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.estimation.triangle import (
     INDEPENDENT,
     Triangle,
+    compute_triangular_factor,
     orthonormal_basis,
     solve_nonnegative,
     stack_padded,
-    triangle_of,
 )
 from jointstiff.solver.mechanics.block import (
     CorrectedMeasurements,
@@ -62,7 +62,14 @@ from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import DIAGONAL_BASE, DIAGONAL_LINKS, FULL_BASE, JOINTS
-from jointstiff.solver.mechanics.terms import FORCE_SCALE, SHIFT, TERMS, load_scale, since, turn_about
+from jointstiff.solver.mechanics.terms import (
+    FORCE_SCALE,
+    SHIFT,
+    TERMS,
+    build_load_scale_term,
+    build_turn_term,
+    limit_to_later,
+)
 
 MISTAKE_LEVEL: Final = 1e-5
 """Probability that noise alone makes the test of any cause, or of a bending base, significant."""
@@ -74,11 +81,11 @@ AS_WELL: Final = 6.0
 """Difference of the information criterion below which neither of two causes is preferred."""
 _REFITS: Final = 6
 """Largest number of Gauss-Newton steps towards a cause."""
-_STEADY: Final = 1e-3
+_STEP_TOLERANCE: Final = 1e-3
 """Relative size of a Gauss-Newton step at which the iteration ends."""
-_LEADING: Final = 12
+_MOST_COMBINATIONS: Final = 12
 """Number of combinations of link compliances that are tested: those with the largest deflections."""
-_TESTED: Final = 500
+_MOST_TESTED_OBSERVATIONS: Final = 500
 """Number of observations that suffice for the tests."""
 _LEAST_PART: Final = 4
 """Least number of observations before and after the onset of a cause, or under one of several loads."""
@@ -112,8 +119,8 @@ class Cause:
     criterion: float  #: Bayesian information criterion; the least is preferred
 
     @property
-    def proved(self) -> bool:
-        """True if the cause leaves nothing for links to explain."""
+    def makes_links_unnecessary(self) -> bool:
+        """True if, with this cause fitted, a test no longer finds that links bend (p ≥ `LINKS_LEVEL`)."""
         return self.links_p_value >= LINKS_LEVEL
 
 
@@ -145,51 +152,63 @@ class Screening:
     base_p_value: float = 1.0  #: p-value of the test of a base added to the joints
     #: p-value of links added to joints and base, then of a base added to joints and links; 1 if the test of
     #: the base alone is not significant
-    links_beside_base: float = 1.0
-    base_beside_links: float = 1.0
+    links_p_value_with_base: float = 1.0
+    base_p_value_with_links: float = 1.0
     comparable: bool = True  #: whether the options allow a comparison of joints alone with elastic links
 
     @property
-    def proved(self) -> bool:
+    def makes_links_unnecessary(self) -> bool:
         """True if causes were found, and each leaves nothing for links to explain."""
-        return bool(self.causes) and all(cause.proved for cause in self.causes)
+        return bool(self.causes) and all(cause.makes_links_unnecessary for cause in self.causes)
 
     @property
     def lack_of_fit(self) -> bool:
-        """True if links explain the readings better, by cross-validation, or else by the F test."""
-        proved, gain = self.links_p_value < MISTAKE_LEVEL, self.gain
+        """True if a model with links explains the readings better than joints alone.
+
+        The cross-validation decides if one was run, else the F test of links.
+        """
+        significant, gain = self.links_p_value < MISTAKE_LEVEL, self.gain
         if gain is not None:
-            proved = gain.error_of_joints - gain.error > CLEAR_GAIN * gain.standard_error
-        return self.links_speak and proved
+            significant = gain.error_of_joints - gain.error > CLEAR_GAIN * gain.standard_error
+        return self.links_need_validation and significant
 
     @property
-    def links_speak(self) -> bool:
-        """True if models with links should be cross-validated: significant, and not explained by a cause."""
-        return self.links_p_value < LINKS_LEVEL and not self.proved
+    def links_need_validation(self) -> bool:
+        """True if models with links should be cross-validated.
+
+        The test of links is then significant, and no cause explains what the links would explain.
+        """
+        return self.links_p_value < LINKS_LEVEL and not self.makes_links_unnecessary
 
     @property
-    def base_speaks(self) -> bool:
-        """True if a bending base should be cross-validated: significant, and not explained by a cause."""
-        return self.base_p_value < MISTAKE_LEVEL and not self.proved
+    def base_needs_validation(self) -> bool:
+        """True if models with a bending base should be cross-validated.
+
+        The test of the base is then significant, and no cause explains what links or base would explain.
+        """
+        return self.base_p_value < MISTAKE_LEVEL and not self.makes_links_unnecessary
 
 
 def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate) -> Screening:
     """Test for causes, links and a base that explain what joints alone leave unexplained.
 
     Only readings of targets are used, not encoders. If the load has no balance or there are no degrees of
-    freedom, no test is significant. Causes that were fitted before stay in the fit.
+    freedom, no test is significant. Causes that were fitted to these measurements before stay in every fit.
     """
-    part, compliance = measurements.evenly(_TESTED), np.maximum(estimate.compliance, 0.0)
-    balanced = compliance if estimate.balanced is None else np.maximum(estimate.balanced, 0.0)
+    tested, compliance = (
+        measurements.select_evenly(_MOST_TESTED_OBSERVATIONS),
+        np.maximum(estimate.compliance, 0.0),
+    )
+    bending_compliance = compliance if estimate.balanced is None else np.maximum(estimate.balanced, 0.0)
     try:
-        block = next(regressor_blocks(robot, part, balanced))
+        block = next(regressor_blocks(robot, tested, bending_compliance))
     except SolverError:  # no balance under the load: the assessment reports that elsewhere
         return Screening(1.0, (), ())
-    before, seen = fitted_errors(measurements).terms, ~estimate.observability.null
+    before, visible = fitted_errors(measurements).terms, ~estimate.observability.null
     suspects = _list_suspects(measurements, block, compliance, before)
-    triangles = _Triangles(block, compliance, seen, before, [suspect.term for suspect in suspects])
-    links = triangles.links_p_value()
-    *p_values, base = triangles.p_values([*(s.term.name for s in suspects), DIAGONAL_BASE.name])
+    triangles = _Triangles(block, compliance, visible, before, [suspect.term for suspect in suspects])
+    links_p_value = triangles.links_p_value()
+    *p_values, base_p_value = triangles.p_values([*(s.term.name for s in suspects), DIAGONAL_BASE.name])
     # A cause sought by its onset is tested once for each onset that was tried (Bonferroni).
     tests = {s: min(1.0, s.tried * max(s.least_p, p)) for s, p in zip(suspects, p_values, strict=True)}
     ordered = sorted(suspects, key=tests.__getitem__)
@@ -197,25 +216,26 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
     for suspect in ordered:
         if tests[suspect] < MISTAKE_LEVEL / len(suspects):
             with suppress(SolverError):  # the cause implies loads without a balance: it is no explanation
-                causes.append(_follow_cause(robot, part, triangles, suspect, tests[suspect]))
+                causes.append(_follow_cause(robot, tested, triangles, suspect, tests[suspect]))
     causes.sort(key=lambda cause: -cause.criterion)
-    of_name = {cause.suspect.name: cause for cause in causes}  # causes of one name: the best stays
+    # The causes are in order of decreasing criterion, so the best cause of each name stays in the table.
+    best_by_name = {cause.suspect.name: cause for cause in causes}
     best = min((cause.criterion for cause in causes), default=np.inf)
-    named = tuple(cause for cause in reversed(of_name.values()) if cause.criterion <= best + AS_WELL)
+    preferred = tuple(cause for cause in reversed(best_by_name.values()) if cause.criterion <= best + AS_WELL)
     # If links explain the readings better than any cause, keep only causes that leave nothing for links.
-    if links < LINKS_LEVEL and triangles.links_criterion() < best - AS_WELL:
-        named = tuple(cause for cause in named if cause.proved)
+    if links_p_value < LINKS_LEVEL and triangles.links_criterion() < best - AS_WELL:
+        preferred = tuple(cause for cause in preferred if cause.makes_links_unnecessary)
     listed = tuple(CauseTest(name=each.name, first=each.first, p_value=tests[each]) for each in ordered)
-    if base >= MISTAKE_LEVEL:
-        return Screening(links, listed, named, base_p_value=base)
-    with_base = _Triangles(block, compliance, seen, before, [FULL_BASE])
+    if base_p_value >= MISTAKE_LEVEL:
+        return Screening(links_p_value, listed, preferred, base_p_value=base_p_value)
+    with_base = _Triangles(block, compliance, visible, before, [FULL_BASE])
     return Screening(
-        links,
+        links_p_value,
         listed,
-        named,
-        base_p_value=base,
-        links_beside_base=with_base.links_p_value(FULL_BASE.name),
-        base_beside_links=triangles.p_values([DIAGONAL_BASE.name], DIAGONAL_LINKS.name)[0],
+        preferred,
+        base_p_value=base_p_value,
+        links_p_value_with_base=with_base.links_p_value(FULL_BASE.name),
+        base_p_value_with_links=triangles.p_values([DIAGONAL_BASE.name], DIAGONAL_LINKS.name)[0],
     )
 
 
@@ -246,15 +266,15 @@ def fit_causes(
 def _subtract_named_causes(
     robot: Robot, measurements: Measurements, named: Sequence[tuple[str, str | None]]
 ) -> Measurements:
-    """Return the measurements with the motion by named causes subtracted, as `fit_causes`.
+    """Return the measurements with the motion by named causes subtracted, and the causes' uncertainty added.
 
     Raises:
         RequestError: the readings do not show a named cause.
         SolverError: a cause implies loads without a balance.
     """
-    part = measurements.evenly(_TESTED)
+    part = measurements.select_evenly(_MOST_TESTED_OBSERVATIONS)
     block = next(regressor_blocks(robot, part))
-    rows = Stack.of([block], [JOINTS], np.zeros(robot.n)).flat
+    rows = Stack.from_blocks([block], [JOINTS], np.zeros(robot.n)).flat
     compliance, _ = solve_nonnegative(rows[:, :-1], rows[:, -1])
     # A turn includes a shift: from the same observation on only one of the two is fitted.
     named = [(name, first) for name, first in named if name != "shift" or ("turn", first) not in named]
@@ -270,7 +290,7 @@ def _subtract_named_causes(
         )
     fitted = _fit_causes_with_joints(robot, part, [known[each].term for each in named], compliance)
     corrected = _subtract_errors(robot, measurements, fitted.errors, fitted.compliance)
-    return CorrectedMeasurements.of(corrected, fitted.errors)
+    return CorrectedMeasurements.from_measurements(corrected, fitted.errors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,7 +299,7 @@ class _FittedCauses:
 
     errors: FittedErrors
     compliance: FloatArray  # (n,) of the joints, fitted together with the causes [rad/(N·m)]
-    triangles: _Triangles  # of the readings with the causes of earlier steps subtracted
+    triangles: _Triangles  # compressed rows of the readings, from which the fitted causes were subtracted
 
 
 def _fit_causes_with_joints(
@@ -293,22 +313,22 @@ def _fit_causes_with_joints(
     Raises:
         SolverError: a cause implies loads without a balance.
     """
-    now, unknowns, size = part, np.zeros(()), np.zeros(0)
+    remaining, unknowns, size = part, np.zeros(()), np.zeros(0)
     for _ in range(_REFITS):
-        block = next(regressor_blocks(robot, now, compliance))
+        block = next(regressor_blocks(robot, remaining, compliance))
         # A corrected load may twist joints that the stated load did not twist.
         excitation = Excitation(robot.joint_kinds)
         excitation.add(block)
-        seen = ~excitation.observability().null
-        triangles = _Triangles(block, compliance, seen, terms, ())
+        visible = ~excitation.observability().null
+        triangles = _Triangles(block, compliance, visible, terms, ())
         found = triangles.stated.fit_with([term.name for term in terms])
         compliance = np.zeros(robot.n)
-        compliance[seen] = np.maximum(found.known, 0.0)
+        compliance[visible] = np.maximum(found.known, 0.0)
         ends = np.cumsum([len(triangles.stated.span[term.name]) for term in terms])[:-1]
         before, unknowns = unknowns, unknowns + found.unknowns
         if not size.any():  # unit of each term's unknowns: their root mean square after the first step
-            own = np.split(unknowns, ends)
-            size = np.concatenate([np.full(len(each), np.sqrt(np.mean(each**2)) or 1.0) for each in own])
+            by_term = np.split(unknowns, ends)
+            size = np.concatenate([np.full(len(each), np.sqrt(np.mean(each**2)) or 1.0) for each in by_term])
         # Set the part of the unknowns that the joints explain equally well to zero.
         hidden = np.linalg.qr(found.hidden / size[:, None])[0]
         unknowns = unknowns - size * (hidden @ (hidden.T @ (unknowns / size)))
@@ -316,9 +336,9 @@ def _fit_causes_with_joints(
         determined = found.root.shape[1]
         errors = FittedErrors(tuple(terms), tuple(np.split(unknowns, ends)), root, determined)
         fitted = _FittedCauses(errors, compliance, triangles)
-        if np.linalg.norm((unknowns - before) / size) <= _STEADY * np.linalg.norm(unknowns / size):
+        if np.linalg.norm((unknowns - before) / size) <= _STEP_TOLERANCE * np.linalg.norm(unknowns / size):
             break
-        now = _subtract_errors(robot, part, errors, compliance)
+        remaining = _subtract_errors(robot, part, errors, compliance)
     return fitted
 
 
@@ -328,14 +348,16 @@ def _follow_cause(
     """Fit a suspected cause together with the joints until convergence.
 
     Raises:
-        SolverError: the cause implies loads without a balance, or a size below zero where none is possible.
+        SolverError: the cause implies loads without a balance, or its fitted size is negative although only
+            positive sizes are possible.
     """
     fitted = _fit_causes_with_joints(
         robot, part, [*fitted_errors(part).terms, suspect.term], triangles.compliance
     )
     unknowns = fitted.errors.unknowns[-1]
-    surest = unknowns / np.linalg.norm(fitted.errors.root, axis=1)[-len(unknowns) :]
-    if suspect.term.nonnegative and surest[np.abs(surest).argmax()] < 0.0:
+    uncertainty = np.linalg.norm(fitted.errors.root, axis=1)[-len(unknowns) :]
+    standardised = unknowns / uncertainty  # the unknown that is known best decides on the sign
+    if suspect.term.nonnegative and standardised[np.abs(standardised).argmax()] < 0.0:
         raise SolverError(
             f"{suspect.name} would be negative", where="causes", remedy="look for another cause"
         )
@@ -357,24 +379,24 @@ def _subtract_errors(
     """Return the measurements with the motion by fitted errors subtracted, at a joint compliance (n,)."""
     pairs = list(zip(errors.terms, errors.unknowns, strict=True))
     # Errors of the load change the measurements' loads; the motion by all other errors is subtracted.
-    for term, own in pairs:
+    for term, values in pairs:
         if term.under is not None:
-            measurements = term.under(robot, measurements, own)
-    pairs = [(term, own) for term, own in pairs if term.under is None]
+            measurements = term.under(robot, measurements, values)
+    pairs = [(term, values) for term, values in pairs if term.under is None]
     if not pairs:
         return measurements
     targets, joints = [], []
     for block in regressor_blocks(robot, measurements, compliance):
-        motions = [(term.motion(block, compliance), own) for term, own in pairs]
-        targets.append(np.sum([motion.targets @ own for motion, own in motions], axis=0))
-        turned = [motion.joints @ own for motion, own in motions if motion.joints is not None]
-        joints.append(np.sum([np.zeros_like(block.torque), *turned], axis=0))
-    moved = np.where(measurements.present[..., None], np.concatenate(targets), 0.0)
+        motions = [(term.motion(block, compliance), values) for term, values in pairs]
+        targets.append(np.sum([motion.targets @ values for motion, values in motions], axis=0))
+        turns = [motion.joints @ values for motion, values in motions if motion.joints is not None]
+        joints.append(np.sum([np.zeros_like(block.torque), *turns], axis=0))
+    target_motion = np.where(measurements.present[..., None], np.concatenate(targets), 0.0)
     encoders = measurements.encoders
     if encoders is not None:
-        behind = np.where(encoders.present, encoders.deflection - np.concatenate(joints), 0.0)
-        encoders = replace(encoders, deflection=behind)
-    return replace(measurements, deflection=measurements.deflection - moved, encoders=encoders)
+        remaining = np.where(encoders.present, encoders.deflection - np.concatenate(joints), 0.0)
+        encoders = replace(encoders, deflection=remaining)
+    return replace(measurements, deflection=measurements.deflection - target_motion, encoders=encoders)
 
 
 def _list_suspects(
@@ -384,7 +406,9 @@ def _list_suspects(
     before: Sequence[Term],
     firsts: Sequence[str] | None = None,
 ) -> list[Suspect]:
-    """Return the causes that may have moved the targets, with limits of p-values against wrong readings.
+    """Return the causes that may have moved the targets and are to be tested.
+
+    Each one has a lower limit of its p-value, so that a single wrong reading cannot make it significant.
 
     Args:
         measurements: N observations.
@@ -395,20 +419,24 @@ def _list_suspects(
     """
     part, labels, loads = block.measurements, measurements.labels, _group_distinct_loads(measurements)
     tried = len(part) - 2 * _LEAST_PART + 1
-    turn = turn_about(block.points[part.present].mean(axis=0))
+    turn = build_turn_term(block.points[part.present].mean(axis=0))
     # Causes that may set in at a later observation.
-    later = {SHIFT.name: SHIFT, turn.name: turn, FORCE_SCALE.name: load_scale([labels])}
-    by_load = [load_scale(loads)] if len(loads) > 1 else []
-    found = [Suspect(t.name, t) for t in (*TERMS.values(), turn, *by_load) if t.suspected]
+    later = {SHIFT.name: SHIFT, turn.name: turn, FORCE_SCALE.name: build_load_scale_term([labels])}
+    by_load = [build_load_scale_term(loads)] if len(loads) > 1 else []
+    suspects = [Suspect(t.name, t) for t in (*TERMS.values(), turn, *by_load) if t.suspected]
     if firsts is not None:
         known = [first for first in firsts if first in labels]
-        found += [Suspect(t.name, since(t, labels, first), first) for t in later.values() for first in known]
+        suspects += [
+            Suspect(t.name, limit_to_later(t, labels, first), first)
+            for t in later.values()
+            for first in known
+        ]
     else:
-        terms = [*(each.term for each in found), FORCE_SCALE]
-        stack = Stack.of([block], [JOINTS, *before, *terms], compliance)
+        terms = [*(each.term for each in suspects), FORCE_SCALE]
+        stack = Stack.from_blocks([block], [JOINTS, *before, *terms], compliance)
         fits = _OnsetFits(stack, [term.name for term in terms], [term.name for term in (JOINTS, *before)])
         least = fits.p_values_without_best_observation(np.zeros(len(terms), np.intp))
-        found = [replace(each, least_p=p) for each, p in zip(found, least.tolist(), strict=False)]
+        suspects = [replace(each, least_p=p) for each, p in zip(suspects, least.tolist(), strict=False)]
         if tried > 0:
             onsets = fits.find_onsets()
             for each, onset, p in zip(
@@ -416,12 +444,15 @@ def _list_suspects(
             ):
                 if each.name in later:
                     term, first = later[each.name], part.labels[onset]
-                    found.append(Suspect(term.name, since(term, labels, first), first, tried, p))
-    return [suspect for suspect in found if suspect.term.name not in {term.name for term in before}]
+                    suspects.append(Suspect(term.name, limit_to_later(term, labels, first), first, tried, p))
+    return [suspect for suspect in suspects if suspect.term.name not in {term.name for term in before}]
 
 
 def _group_distinct_loads(measurements: Measurements) -> list[list[str]]:
-    """Return the labels of the observations under each distinct load, by size; empty for many loads."""
+    """Return the labels of the observations under each distinct load, from the smallest load to the largest.
+
+    Loads of nearly the same size count as one load. The list is empty for more than `_MOST_LOADS` loads.
+    """
     size = np.hypot(np.linalg.norm(measurements.force, axis=1), np.linalg.norm(measurements.moment, axis=1))
     order = np.argsort(size, kind="stable")
     steps = 1 + np.flatnonzero(np.diff(size[order]) > _DISTINCT * size[order][1:])
@@ -447,23 +478,25 @@ class _OnsetFits:
             known: names of terms that are fitted in any case.
         """
         flat = stack.scale_to_unit_columns()[0].flat
-        there = orthonormal_basis(flat[:, np.concatenate([stack.span[name] for name in known])])
-        left = stack.flat[:, -1] - there @ (there.T @ stack.flat[:, -1])
+        basis = orthonormal_basis(flat[:, np.concatenate([stack.span[name] for name in known])])
+        residual = stack.flat[:, -1] - basis @ (basis.T @ stack.flat[:, -1])
         columns = [flat[:, stack.span[name]] for name in names]
-        q, self._width = there.shape[1], np.array([each.shape[1] for each in columns])
+        q, self._width = basis.shape[1], np.array([each.shape[1] for each in columns])
         X = stack_padded(columns)  # (S, N m, k)
         shape, k = (len(stack), -1), X.shape[-1]
-        rows = np.concatenate([there, left[:, None], *X], axis=1).reshape(*shape, q + 1 + len(names) * k)
-        since = Stack(rows, stack.read, {"known": q, "left": 1, "terms": len(names) * k}).trailing_gram_sums
-        # `since` sums the Gram matrices from each observation to the last: the fits for all onsets at once.
+        rows = np.concatenate([basis, residual[:, None], *X], axis=1).reshape(*shape, q + 1 + len(names) * k)
+        trailing = Stack(
+            rows, stack.read, {"known": q, "residual": 1, "terms": len(names) * k}
+        ).trailing_gram_sums
+        # Sums of Gram matrices from each observation to the last give the fits for all onsets at once.
         own = (q + 1 + np.arange(len(names) * k)).reshape(len(names), k)
-        shared = since[:, :q][:, :, own].transpose(2, 0, 1, 3)  # (S, N, q, k)
+        overlap = trailing[:, :q][:, :, own].transpose(2, 0, 1, 3)  # (S, N, q, k)
         # Gram matrix of each term after the known terms have been projected out.
-        alone = since[:, own[:, :, None], own[:, None]].transpose(1, 0, 2, 3) - shared.mT @ shared
-        self._moment = since[:, own, q, None].transpose(1, 0, 2, 3)  # (S, N, k, 1)
-        self._unknowns = np.linalg.solve(alone + INDEPENDENT * np.eye(k), self._moment)
+        projected = trailing[:, own[:, :, None], own[:, None]].transpose(1, 0, 2, 3) - overlap.mT @ overlap
+        self._moment = trailing[:, own, q, None].transpose(1, 0, 2, 3)  # (S, N, k, 1)
+        self._unknowns = np.linalg.solve(projected + INDEPENDENT * np.eye(k), self._moment)
         self._read, self._X = stack.read, X.reshape(len(names), *shape, k)
-        self._known, self._left = there.reshape(*shape, q), left.reshape(*shape, 1)
+        self._known, self._left = basis.reshape(*shape, q), residual.reshape(*shape, 1)
 
     def find_onsets(self) -> IndexArray:
         """Return the indices (S,) of each term's best onset, with enough observations before and after."""
@@ -477,18 +510,18 @@ class _OnsetFits:
         The observation that the term explains most is left out, as it may be a single wrong reading.
         """
         count = len(self._read)
-        moved = self._X @ self._unknowns[np.arange(len(first)), first][:, None]
-        moved = np.where(np.arange(count)[:, None, None] >= first[:, None, None, None], moved, 0.0)
+        motion = self._X @ self._unknowns[np.arange(len(first)), first][:, None]
+        motion = np.where(np.arange(count)[:, None, None] >= first[:, None, None, None], motion, 0.0)
         # The known terms absorb part of the motion by the term.
-        absorbed = self._known @ np.einsum("brk,sbrl->skl", self._known, moved)[:, None]
-        before, after = np.square(self._left), np.square(self._left - moved + absorbed)
-        before, gain = before.sum(axis=(1, 2)), (before - after).sum(axis=(2, 3))
+        absorbed = self._known @ np.einsum("brk,sbrl->skl", self._known, motion)[:, None]
+        squares, squares_with_term = np.square(self._left), np.square(self._left - motion + absorbed)
+        squares, gain = squares.sum(axis=(1, 2)), (squares - squares_with_term).sum(axis=(2, 3))
         others = np.arange(count) != np.argmax(gain, axis=1)[:, None]
         freedom = (others * self._read).sum(axis=1) - self._known.shape[-1] - self._width
         explained = np.maximum((others * gain).sum(axis=1), 0.0)
-        left = np.maximum((others * before).sum(axis=1) - explained, 1e-300)
+        residual = np.maximum((others * squares).sum(axis=1) - explained, 1e-300)
         divisor = np.maximum(freedom, 1)  # without freedom the p-value is 1, see below
-        p = special.fdtrc(self._width, divisor, explained / self._width / (left / divisor))
+        p = special.fdtrc(self._width, divisor, explained / self._width / (residual / divisor))
         return np.where(freedom < 1, 1.0, p)
 
 
@@ -503,7 +536,7 @@ class _Triangles:
         self,
         block: RegressorBlock,
         compliance: FloatArray,
-        seen: BoolArray,
+        visible: BoolArray,
         before: Sequence[Term],
         terms: Sequence[Term],
     ) -> None:
@@ -512,13 +545,13 @@ class _Triangles:
         Args:
             block: the observations.
             compliance: (n,) of the joints [rad/(N·m)].
-            seen: (n,) whether the readings see each joint; other joints are left out.
+            visible: (n,) whether the readings see each joint; other joints are left out.
             before: terms that are fitted with the joints in any case.
             terms: terms to be tested.
         """
         self.fitted = (JOINTS.name, *(term.name for term in before))
         self.compliance = compliance
-        self._block, self._seen = block, seen
+        self._block, self._visible = block, visible
         self._terms = [JOINTS, *before, *terms, DIAGONAL_LINKS, DIAGONAL_BASE]
         self.stated = self._compress_rows(whitened_rows)
 
@@ -529,16 +562,17 @@ class _Triangles:
 
     def _compress_rows(self, weigh: Callable[..., Rows]) -> Triangle:
         """Return the triangle of all terms, with rows built by `weigh`."""
-        triangle = Stack.of([self._block], self._terms, self.compliance, weigh).triangle()
-        triangle.span[JOINTS.name] = np.flatnonzero(self._seen)
+        triangle = Stack.from_blocks([self._block], self._terms, self.compliance, weigh).triangle()
+        triangle.span[JOINTS.name] = np.flatnonzero(self._visible)
         return triangle
 
     def _larger_p_values(self, level: float, test: Callable[[Triangle], FloatArray]) -> FloatArray:
-        """Return p-values of a test, the larger of those with stated and with equal weights.
+        """Return for each tested term the larger p-value of two tests: with stated and with equal weights.
 
         Where the p-value with stated weights is above `level`, equal weights are not tried.
         """
         p = test(self.stated)
+        # Readings that share one covariance (3, 3) have equal weights already.
         if (p >= level).all() or self._block.measurements.covariance.ndim == 2:
             return p
         return np.where(p >= level, p, np.maximum(p, test(self._equally_weighted)))
@@ -562,11 +596,11 @@ class _Triangles:
     @property
     def _leading_count(self) -> int:
         """Number of combinations of link compliances to test, fewer if there are few readings."""
-        return max(0, min(_LEADING, (self.stated.rows - len(self._seen)) // 3))
+        return max(0, min(_MOST_COMBINATIONS, (self.stated.rows - len(self._visible)) // 3))
 
     @property
     def sigma(self) -> float:
-        """Standard uncertainty of a coordinate of a reading [m]: by residuals or stated, the larger."""
+        """Standard uncertainty of a coordinate [m]: as stated, or from the residuals if larger."""
         freedom = max(1, self.stated.rows - orthonormal_basis(self.stated.unit_columns(self.fitted)).shape[1])
         stated = self._block.measurements.sigma or 0.0
         return max(stated, float(np.sqrt(self.residual_squares() / freedom)))
@@ -611,9 +645,9 @@ LEAST_COMPENSATION: Final = 0.7
 tried."""
 _MAPPED_JOINTS: Final = 7
 """Number of joints up to which whole joint maps are tried: each further joint doubles the number of maps."""
-_COMPARED: Final = 60
+_MOST_COMPARED_OBSERVATIONS: Final = 60
 """Number of observations that suffice to find a mistake that all observations share."""
-_SCREENED: Final = 3
+_PRESELECTION_COORDINATES: Final = 3
 """Number of coordinates, for each joint, in the observations that preselect alternatives."""
 _MOST_TARGETS: Final = 8
 _READINGS: Final = 24_576
@@ -638,9 +672,10 @@ class BetterAlternative:
     """An alternative that explains the readings far better than the set as given."""
 
     alternative: Alternative  #: the mistake that was undone
-    ratio: float  #: residual sum of squares with the mistake undone over that as given
-    compensation: float  #: share of the mean deflection explained with the mistake undone
-    compensation_as_given: float  #: share of the mean deflection explained as given
+    #: residual sum of squares with the mistake undone, over the residual sum of the data as given
+    ratio: float
+    compensation: float  #: share of the mean deflection that the joints explain with the mistake undone
+    compensation_as_given: float  #: share of the mean deflection that the joints explain as given
 
 
 def find_better_alternative(robot: Robot, measurements: Measurements) -> BetterAlternative | None:
@@ -654,7 +689,8 @@ def find_better_alternative(robot: Robot, measurements: Measurements) -> BetterA
     )
     if given_compensation < LEAST_COMPENSATION and 2 < robot.n <= _MAPPED_JOINTS:
         mapped, _ = _find_best_alternative(robot, measurements, _list_joint_maps(robot.joint_kinds))
-        best = min((b for b in (best, mapped) if b), key=lambda b: b.ratio, default=None)
+        found = [each for each in (best, mapped) if each is not None]
+        best = min(found, key=lambda each: each.ratio, default=None)
     return best
 
 
@@ -663,7 +699,7 @@ def _find_best_alternative(
 ) -> tuple[BetterAlternative | None, float]:
     """Return the best significant alternative, or None, and the compensation of the data as given."""
     affordable = _READINGS // (measurements.present.shape[1] * (len(alternatives) + 1))
-    part = measurements.evenly(max(1, min(_COMPARED, affordable)))
+    part = measurements.select_evenly(max(1, min(_MOST_COMPARED_OBSERVATIONS, affordable)))
     # A rigid flange moves by six coordinates at most.
     coordinates = int(np.minimum(part.coordinates.sum(axis=1), 6).sum())
     freedom = coordinates - robot.n
@@ -673,8 +709,10 @@ def _find_best_alternative(
     quantile = float(special.fdtri(robot.n, freedom, 1.0 - FALSE_ALARM / len(alternatives)))
     ratio = min(LARGEST_RATIO, 1.0 / (1.0 + robot.n * quantile / freedom))
     # Some of the observations select the alternatives to examine.
-    some = part.evenly(math.ceil(_SCREENED * robot.n * len(part) / coordinates))
-    rows = _build_rows(robot, some, alternatives)
+    preselection = part.select_evenly(
+        math.ceil(_PRESELECTION_COORDINATES * robot.n * len(part) / coordinates)
+    )
+    rows = _build_rows(robot, preselection, alternatives)
     as_given, given_compensation = _fit_nonnegative_compliances(rows[0])
     alternatives = [
         a for a, left in zip(alternatives, _bound_residual_sums(rows[1:]), strict=True) if left < as_given
@@ -705,22 +743,22 @@ def _find_best_alternative(
 def _list_alternatives(kinds: tuple[JointKind, ...], targets: int) -> tuple[Alternative, ...]:
     """Return the single mistakes to compare; only joints of the same kind are exchanged or coupled."""
     n, turning = len(kinds), [j for j, kind in enumerate(kinds) if kind == "revolute"]
-    unit, none = np.eye(n), np.zeros(n)
+    identity, no_offset = np.eye(n), np.zeros(n)
     mistakes: list[Alternative] = []
     for j, k in ((j, k) for j, k in combinations(range(n), 2) if kinds[j] == kinds[k]):
         order = np.arange(n)
         order[[j, k]] = k, j
-        mistakes.append(Alternative("columns_exchanged", (j, k), unit[order], none))
-    for j, row in enumerate(unit):
-        reversed_joint = unit - 2.0 * np.outer(row, row)
-        mistakes.append(Alternative("sign_reversed", (j,), reversed_joint, none))
+        mistakes.append(Alternative("columns_exchanged", (j, k), identity[order], no_offset))
+    for j, row in enumerate(identity):
+        reversed_joint = identity - 2.0 * np.outer(row, row)
+        mistakes.append(Alternative("sign_reversed", (j,), reversed_joint, no_offset))
     for sign in (1.0, -1.0) if n > 2 and kinds[1] == kinds[2] else ():
-        coupled = unit + sign * np.outer(unit[2], unit[1])
-        mistakes.append(Alternative("joints_coupled", (1, 2), coupled, none))
+        coupled = identity + sign * np.outer(identity[2], identity[1])
+        mistakes.append(Alternative("joints_coupled", (1, 2), coupled, no_offset))
     for j, turn in product(turning, (0.5 * np.pi, -0.5 * np.pi, np.pi)):
-        mistakes.append(Alternative("zero_offset", (j,), unit, turn * unit[j]))
+        mistakes.append(Alternative("zero_offset", (j,), identity, turn * identity[j]))
     exchanges = [
-        Alternative("load_and_target_exchanged", (), unit, none, t)
+        Alternative("load_and_target_exchanged", (), identity, no_offset, t)
         for t in range(min(targets, _MOST_TARGETS))
     ]
     return (*mistakes, *exchanges)
@@ -728,27 +766,31 @@ def _list_alternatives(kinds: tuple[JointKind, ...], targets: int) -> tuple[Alte
 
 @lru_cache
 def _list_joint_maps(kinds: tuple[JointKind, ...]) -> tuple[Alternative, ...]:
-    """Return joint maps to compare: any signs reversed, and the third joint coupled to the second or not."""
+    """Return the joint maps to compare that differ from the stated map by more than one mistake.
+
+    Any signs may be reversed, and the third joint may be coupled to the second.
+    """
     n, maps = len(kinds), list[Alternative]()
-    unit, couplings = np.eye(n), (0.0, 1.0, -1.0) if kinds[1] == kinds[2] else (0.0,)
+    identity, couplings = np.eye(n), (0.0, 1.0, -1.0) if kinds[1] == kinds[2] else (0.0,)
     for coupling, signs in product(couplings, product((1.0, -1.0), repeat=n)):
         concerned = {*np.flatnonzero(np.array(signs) < 0.0).tolist()}
         if len(concerned) + abs(coupling) > 1:
             joints = tuple(sorted(concerned | ({1, 2} if coupling else set())))
-            matrix = np.diag(signs) @ (unit + coupling * np.outer(unit[2], unit[1]))
+            matrix = np.diag(signs) @ (identity + coupling * np.outer(identity[2], identity[1]))
             maps.append(Alternative("joint_map", joints, matrix, np.zeros(n)))
     return tuple(maps)
 
 
 def _build_rows(robot: Robot, given: Measurements, alternatives: Sequence[Alternative]) -> FloatArray:
     """Return whitened rows (K + 1, R, n + 1) [A d]: of the measurements as given, then of K alternatives."""
-    count, times = len(given), len(alternatives) + 1
+    count, copies = len(given), len(alternatives) + 1
     matrices = np.array([np.eye(robot.n), *(each.matrix for each in alternatives)])
     offsets = np.array([np.zeros(robot.n), *(each.offset for each in alternatives)])
-    joints = (given.joints @ matrices.transpose(0, 2, 1) + offsets[:, None]).reshape(times * count, -1)
+    joints = (given.joints @ matrices.transpose(0, 2, 1) + offsets[:, None]).reshape(copies * count, -1)
     postures = Postures(robot, robot.joint_map.model_angles(joints))
-    stacked = given[np.tile(np.arange(count), times)]
+    stacked = given[np.tile(np.arange(count), copies)]
     load_point, position = stacked.load_point.copy(), stacked.position.copy()
+    # Places (N, T, 3) of the targets in the flange frame [m].
     places = np.where(given.in_flange[..., None], given.position, targets_in_flange(robot, given))
     for k, t in enumerate((each.target for each in alternatives), 1):
         if t is not None:
@@ -758,18 +800,25 @@ def _build_rows(robot: Robot, given: Measurements, alternatives: Sequence[Altern
     block = unloaded_block(
         robot, postures, replace(stacked, joints=joints, load_point=load_point, position=position)
     )
-    return Stack.of([block], [JOINTS], np.zeros(robot.n)).rows.reshape(times, -1, robot.n + 1)
+    return Stack.from_blocks([block], [JOINTS], np.zeros(robot.n)).rows.reshape(copies, -1, robot.n + 1)
 
 
 def _bound_residual_sums(rows: FloatArray) -> FloatArray:
-    """Return lower limits (K,) of the residual sums for rows (K, R, n + 1) [A d]: fits without bounds."""
-    return np.square(triangle_of(rows)[:, -1, -1])
+    """Return lower limits (K,) of the residual sums of squares of K fits to rows (K, R, n + 1) [A d].
+
+    A fit without bounds on the compliances has no larger residual sum than a fit with bounds.
+    """
+    return np.square(compute_triangular_factor(rows)[:, -1, -1])
 
 
 def _fit_nonnegative_compliances(rows: FloatArray) -> tuple[float, float]:
-    """Fit compliances ≥ 0 to rows (R, n + 1) [A d]; return residual sum of squares and compensation."""
+    """Fit compliances ≥ 0 to rows (R, n + 1) [A d].
+
+    Returns the residual sum of squares, and the share of the mean deflection that the fit explains.
+    """
     A, d = rows[:, :-1], rows[:, -1]
     residual = d - A @ solve_nonnegative(A, d)[0]
-    left = np.linalg.norm(residual.reshape(-1, 3), axis=1).sum()
-    moved = np.linalg.norm(d.reshape(-1, 3), axis=1).sum()
-    return float(residual @ residual), float(1.0 - left / moved) if moved > 0.0 else 0.0
+    residual_length = np.linalg.norm(residual.reshape(-1, 3), axis=1).sum()
+    deflection_length = np.linalg.norm(d.reshape(-1, 3), axis=1).sum()
+    explained = float(1.0 - residual_length / deflection_length) if deflection_length > 0.0 else 0.0
+    return float(residual @ residual), explained

@@ -14,7 +14,7 @@ from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.mechanics.springs import entries, weights
 
 
-def diagonal(size: int) -> IndexArray:
+def find_diagonal_entries(size: int) -> IndexArray:
     """Return the indices (size,) of a matrix's diagonal entries in the vector of its upper triangle."""
     rows, columns = entries(size)
     return np.flatnonzero(rows == columns)
@@ -35,21 +35,21 @@ def to_vector(matrix: FloatArray) -> FloatArray:
     return np.asarray(matrix[..., rows, columns] * weights(size))
 
 
-def raised(vector: FloatArray, size: int) -> FloatArray:
-    """Return a block whose diagonal is increased until no computed eigenvalue is negative.
+def lift_diagonal(vector: FloatArray, size: int) -> FloatArray:
+    """Return a symmetric matrix with its diagonal increased until no computed eigenvalue is negative.
 
     The increase only removes rounding: a few parts in 10¹⁶ of the greatest eigenvalue.
 
     Args:
-        vector: (size (size + 1) / 2,) upper triangle of the block, a symmetric matrix.
-        size: number of the block's rows.
+        vector: (size (size + 1) / 2,) the matrix, as the vector of its upper triangle.
+        size: number of rows of the matrix.
     """
-    lift = np.finfo(float).eps * float(np.abs(vector).max(initial=0.0))
+    step = np.finfo(float).eps * float(np.abs(vector).max(initial=0.0))
     raised_vector = vector
     while np.linalg.eigvalsh(to_matrix(raised_vector, size)).min() < 0.0:
         raised_vector = vector.copy()
-        raised_vector[diagonal(size)] += lift
-        lift *= 2.0
+        raised_vector[find_diagonal_entries(size)] += step
+        step *= 2.0
     return raised_vector
 
 
@@ -79,8 +79,11 @@ class Cone:
             yield size, slice(start, stop)
             start = stop
 
-    def least(self, x: FloatArray) -> float:
-        """Return the least of all scalars and all eigenvalues of the blocks of x (p,); inf if p = 0."""
+    def least_value(self, x: FloatArray) -> float:
+        """Return the least number among the scalars and the blocks' eigenvalues of x (p,); inf if p = 0.
+
+        The number is negative if x lies outside the cone.
+        """
         values = [
             x[: self.nonnegative],
             *(np.linalg.eigvalsh(to_matrix(x[place], size)) for size, place in self.blocks()),
@@ -93,15 +96,18 @@ class Cone:
         for size, place in self.blocks():
             eigenvalues, vectors = np.linalg.eigh(to_matrix(x[place], size))
             kept = np.maximum(eigenvalues, 0.0)
-            out[place] = raised(to_vector((vectors * kept) @ vectors.T), size)
+            out[place] = lift_diagonal(to_vector((vectors * kept) @ vectors.T), size)
         return out
 
     def penalty(self, weight: float) -> FloatArray:
-        """Return the gradient (p,) of the penalty: λ at penalised scalars and block diagonals, else zero."""
+        """Return the gradient (p,) of the penalty on penalised scalars and on the traces of blocks.
+
+        The gradient is `weight` at penalised scalars and diagonal entries of blocks, and zero elsewhere.
+        """
         out = np.zeros(self.dimension)
         out[self.free : self.nonnegative] = weight
         for size, place in self.blocks():
-            out[place][diagonal(size)] = weight
+            out[place][find_diagonal_entries(size)] = weight
         return out
 
 
@@ -109,11 +115,11 @@ class Cone:
 class Block:
     """Layout of one joint's unknowns: compliance c, then ζ limited by a box, then ν (3,) in each ball.
 
-    `conic.Cones` states the limits of ζ and ν.
+    The limits are |ζ_k| ≤ c, and ‖ν‖ ≤ radius for each ball.
     """
 
     boxes: int  #: number of ζ
-    #: for each ball: index of the ζ by which its radius grows, −1 for none, and by how much in addition to c
+    #: for each ball: index k of a ζ, or −1, and ratio: the radius is c + ratio ζ_k, or c for the index −1
     balls: tuple[tuple[int, float], ...] = ()
 
     @property

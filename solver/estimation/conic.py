@@ -6,7 +6,7 @@ Semidefinite programs with a penalty on traces (method.md §7), of two losses:
     minimise Σ_i ρ(‖A_i x − d_i‖) + pᵀx     for the blocks that follow, p = λ on traces and some scalars
 
 ρ(u) is u²/(2h) up to h and u − h/2 beyond; h = 0 leaves the sum of the norms. Then least squares over cones
-of products c η of a compliance with unknowns in a box (method.md §14), see `Cones`.
+of products c η of a compliance with unknowns in a box (method.md §14), see `MassCones`.
 
 Whatever led to an answer, it is made feasible exactly, and so is a point of the dual that its residual or
 Clarabel tells; the gap between the two is computed without cancellation, and only an answer whose gap is
@@ -27,17 +27,17 @@ from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation.cones import Block, Cone, to_matrix, to_vector
 from jointstiff.solver.estimation.solution import Certificate
-from jointstiff.solver.estimation.triangle import triangle_of
+from jointstiff.solver.estimation.triangle import compute_triangular_factor
 
 if TYPE_CHECKING:
     from jointstiff.solver.estimation.convex import Program  # takes a second to import
 
 GAP: Final = 1e-8
-"""Greatest excess of the loss over its optimum, with ‖b‖ = 1, that `solve_weighed` accepts."""
+"""Greatest excess of the loss over its optimum, with ‖b‖ = 1, that `solve_mass_cones` accepts."""
 _CONE_LADDER: Final = (1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 """Tolerances of Clarabel, tried in this order: not every problem can be solved to the tightest."""
-_NORMS_LADDER: Final = (1e-7, 1e-8, 1e-9, 1e-10)
-_WEIGHED_LADDER: Final = (1e-10, 1e-9, 1e-8)
+_NORMS_TOLERANCES: Final = (1e-7, 1e-8, 1e-9, 1e-10)
+_WEIGHED_TOLERANCES: Final = (1e-10, 1e-9, 1e-8)
 _END_LADDER: Final = (1e-8, 1e-7, 1e-6)
 """Tolerances of Clarabel for ends of intervals; an end needs no more digits than the last tolerance gives."""
 _NEAR_LEAST_SQUARES: Final = 1e-6
@@ -56,12 +56,12 @@ _ROUNDING: Final = 1e-12
 """Tolerance relative to the largest entry: a smaller eigenvalue counts as zero."""
 _RIDGE: Final = 1e-13
 """Regularisation of the Hessian, relative to its largest diagonal entry: undetermined directions stay put."""
-_UNSEEN: Final = 1e-10
+_NULL_SINGULAR_VALUE: Final = 1e-10
 """Singular value, relative to the greatest, that is rounding of columns that depend on each other."""
-_OPEN: Final = 1e-6
+_OUTSIDE_SPAN: Final = 1e-6
 """Share of a function outside the span of the readings that is rounding."""
 _LEAST_RADIUS: Final = 1e-6
-"""Radius of the ball of `weighed_ends`, relative to ‖b‖, below which Clarabel's rounding shows: exact
+"""Radius of the ball of `bound_compliances`, relative to ‖b‖, below which Clarabel's rounding shows: exact
 readings."""
 
 
@@ -81,7 +81,7 @@ class LeastSquares:
     def compressed(self) -> tuple[FloatArray, FloatArray]:
         """Triangle T (k, p) and readings y (k,): ‖T x − y‖² equals ‖R x − z‖² up to a constant."""
         p = self.R.shape[1]
-        both = triangle_of(np.column_stack([self.R, self.z]))
+        both = compute_triangular_factor(np.column_stack([self.R, self.z]))
         return both[:p, :p], both[:p, p]
 
 
@@ -124,8 +124,8 @@ class SemidefiniteProgram:
         T, readings = self.fit.compressed
         stated = convex.state_semidefinite(len(T), self.cone)
         data = {"T": T, "z": (readings - T @ near) / unit, "p": self.penalty / unit, "near": near / unit}
-        moved = stated.solve(data, tolerance)
-        return None if moved is None else near + unit * moved
+        solution = stated.solve(data, tolerance)
+        return None if solution is None else near + unit * solution
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +177,10 @@ def solve_cone(program: SemidefiniteProgram, *, gap: float, accepted: float | No
     """
 
     def propose_solutions() -> Iterator[ConeSolution]:
-        """Yield points with certificates by ever tighter tolerances, in units of readings and of residual."""
+        """Yield certified candidates, with Clarabel's tolerance made tighter and tighter.
+
+        At each tolerance the program is stated in units of the readings, and then of the residual.
+        """
         T, z = program.fit.compressed
         left = max(float(np.linalg.norm(z - T @ program.fit.near)), _LEAST_UNIT)
         for tolerance in _CONE_LADDER:
@@ -197,7 +200,7 @@ def solve_robust(program: RobustProgram, *, gap: float, accepted: float | None =
     """Solve a program with a robust loss by Clarabel, and certify the optimum.
 
     Args:
-        program: all numbers finite.
+        program: the fit to solve; all of its numbers must be finite.
         gap: the search ends when the objective exceeds the optimum by at most this.
         accepted: greatest excess that is accepted if no answer reaches `gap`; None for `gap`.
 
@@ -206,27 +209,27 @@ def solve_robust(program: RobustProgram, *, gap: float, accepted: float | None =
     """
 
     def propose_solutions() -> Iterator[ConeSolution]:
-        """Yield points with their certificates by ever tighter tolerances."""
+        """Yield points with their certificates, with Clarabel's tolerance made tighter and tighter."""
         penalty, root = program.loss.cone.penalty(program.weight), np.sqrt(program.threshold)
         data = {"p": penalty, "root": np.array([root])}
-        for tolerance in _NORMS_LADDER:
+        for tolerance in _NORMS_TOLERANCES:
             solution = program.loss.program.solve_with_duals(data, tolerance)
             if solution is not None:
                 x = program.loss.cone.project(solution[0])
-                dual = -solution[1].reshape(-1, 4)[:, 1:]  # each cone's multipliers are (weight, −ν)
+                dual = -solution[1].reshape(-1, 4)[:, 1:]  # of each cone's four, the last are −ν
                 yield ConeSolution(x, certify_robust(program, x, dual))
 
     return _select_certified(propose_solutions(), gap, accepted)
 
 
-def _select_certified(propose_solutions: Iterable[_Proven], gap: float, accepted: float | None) -> _Proven:
-    """Return the first feasible solution with a gap of at most `gap`, or else the best if accepted.
+def _select_certified(proposals: Iterable[_Proven], gap: float, accepted: float | None) -> _Proven:
+    """Return the first feasible proposal with a gap of at most `gap`, else the one with the least gap.
 
     Raises:
         SolverError: no feasible solution has a gap of at most `accepted`, or `gap` if None.
     """
     best: _Proven | None = None
-    for solution in propose_solutions:
+    for solution in proposals:
         better = best is None or solution.certificate.gap < best.certificate.gap
         if better and solution.certificate.primal == 0.0:
             best = solution
@@ -242,7 +245,7 @@ def _select_certified(propose_solutions: Iterable[_Proven], gap: float, accepted
 
 
 def certify_cone(program: SemidefiniteProgram, x: FloatArray) -> Certificate:
-    """Return the certificate of a point x (p,) by its duality gap, however x was found.
+    """Return the certificate of a point x (p,): its duality gap proves how near x is to the optimum.
 
     For any ν with slack ``s = p + Rᵀν`` in the dual cone, ``−‖ν‖²/4 − νᵀz`` is below the optimum, and the
     objective at x is above that by ``‖ν/2 − r‖² + sᵀx`` with r = R x − z: a sum of what is not negative.
@@ -253,11 +256,11 @@ def certify_cone(program: SemidefiniteProgram, x: FloatArray) -> Certificate:
     nu, outside, slack = _make_dual_feasible(program.cone, program.weight, fit.R, 2.0 * residual)
     excess = _compute_complementarity(slack, x, program.cone, _SLACK_ROUNDING)
     gap = float(np.sqrt(np.square(0.5 * nu - residual).sum() + excess))
-    return Certificate(max(0.0, -program.cone.least(x)), outside, gap, nu, "clarabel")
+    return Certificate(max(0.0, -program.cone.least_value(x)), outside, gap, nu, "clarabel")
 
 
 def certify_robust(program: RobustProgram, x: FloatArray, dual: FloatArray) -> Certificate:
-    """Return the certificate of a point x by its duality gap, however x and the dual were found.
+    """Return the certificate of a point x: its duality gap proves how near x is to the optimum.
 
     For any ν with ‖ν_i‖ ≤ 1 and the slack ``s = p + Aᵀν`` in the dual cone, ``−Σ (ν_iᵀd_i + h‖ν_i‖²/2)`` is
     below the optimum. The objective at x is above that by ``Σ [ρ(r_i) + h‖ν_i‖²/2 − ν_iᵀr_i] + sᵀx`` with
@@ -281,7 +284,7 @@ def certify_robust(program: RobustProgram, x: FloatArray, dual: FloatArray) -> C
     inner = np.square(r - h * nu).sum(axis=1) / (2.0 * h) if h > 0.0 else np.zeros(len(r))
     excess = _compute_complementarity(slack, x, loss.cone, _NORMS_SLACK_ROUNDING)
     gap = float(np.where(beyond, outer, inner).sum() + excess)
-    return Certificate(max(0.0, -loss.cone.least(x)), outside, gap, nu, "clarabel")
+    return Certificate(max(0.0, -loss.cone.least_value(x)), outside, gap, nu, "clarabel")
 
 
 def _make_dual_feasible(
@@ -299,18 +302,19 @@ def _make_dual_feasible(
         dual: nearly feasible ν, (m,) for squared residuals, or (K, 3) with norms of at most one.
 
     Returns:
-        Feasible ν of the same shape, the violation of the dual cone before over λ, and the slack s (p,).
+        Feasible ν in the shape of `dual`, the violation of the dual cone before the shrinking, divided by λ,
+        and the slack s (p,).
     """
-    penalty, moved = cone.penalty(weight), dual.ravel()
+    penalty, changed = cone.penalty(weight), dual.ravel()
     free = rows[:, : cone.free].T
-    short = np.maximum(-(free @ moved), 0.0)
-    if short.any():
-        moved = moved + np.linalg.lstsq(free, short, rcond=None)[0]
-    pull = rows.T @ moved
+    missing = np.maximum(-(free @ changed), 0.0)
+    if missing.any():
+        changed = changed + np.linalg.lstsq(free, missing, rcond=None)[0]
+    pull = rows.T @ changed
     slack = pull + penalty
     least = [float(np.linalg.eigvalsh(to_matrix(slack[place], size)).min()) for size, place in cone.blocks()]
     outside = max(0.0, -min(least + slack[cone.free : cone.nonnegative].tolist(), default=0.0))
-    nu, shrink = moved.reshape(dual.shape), weight / (weight + outside)
+    nu, shrink = changed.reshape(dual.shape), weight / (weight + outside)
     if nu.ndim > 1:
         shrink = min(shrink, 1.0 / max(float(np.linalg.norm(nu, axis=1).max(initial=0.0)), 1.0))
     return shrink * nu, outside / weight, penalty + shrink * pull
@@ -328,10 +332,10 @@ def _compute_complementarity(slack: FloatArray, x: FloatArray, cone: Cone, round
     return max(0.0, float(slack @ x))
 
 
-def penalised_range(
+def compute_penalised_range(
     program: SemidefiniteProgram, x: FloatArray, rise: float, functions: FloatArray
 ) -> FloatArray:
-    """Return the ranges of linear functions over all points whose objective is near its optimum.
+    """Return the ranges of linear functions over all points whose objective exceeds the optimum by a rise.
 
     ``min, max aᵀy subject to ‖R y − z‖² + pᵀy ≤ ‖R x − z‖² + pᵀx + rise``, y in the cone.
 
@@ -358,7 +362,7 @@ def penalised_range(
     return ends
 
 
-def range_of_squares(squares: LeastSquares, functions: FloatArray, radius: float) -> FloatArray:
+def compute_unconstrained_range(squares: LeastSquares, functions: FloatArray, radius: float) -> FloatArray:
     """Return the ranges of linear functions over all x with ``‖R x − z‖² ≤ min + radius²``, without a cone.
 
     Args:
@@ -369,12 +373,18 @@ def range_of_squares(squares: LeastSquares, functions: FloatArray, radius: float
     Returns:
         (K, 2) least and greatest values; NaN where the readings do not determine a function.
     """
-    left, singular, right = np.linalg.svd(squares.R, full_matrices=False)
-    seen = singular > _UNSEEN * singular[0]
-    right, inverse = right[seen], functions @ (right[seen].T / singular[seen])
-    middle, half = inverse @ (left[:, seen].T @ squares.z), radius * np.linalg.norm(inverse, axis=1)
-    outside = np.linalg.norm(functions - functions @ right.T @ right, axis=1)
-    half[outside > _OPEN * np.linalg.norm(functions, axis=1)] = np.nan
+    left_vectors, singular, directions = np.linalg.svd(squares.R, full_matrices=False)
+    determined = singular > _NULL_SINGULAR_VALUE * singular[0]
+    directions, inverse = (
+        directions[determined],
+        functions @ (directions[determined].T / singular[determined]),
+    )
+    middle, half = (
+        inverse @ (left_vectors[:, determined].T @ squares.z),
+        radius * np.linalg.norm(inverse, axis=1),
+    )
+    outside = np.linalg.norm(functions - functions @ directions.T @ directions, axis=1)
+    half[outside > _OUTSIDE_SPAN * np.linalg.norm(functions, axis=1)] = np.nan
     return np.column_stack([middle - half, middle + half])
 
 
@@ -403,7 +413,7 @@ class _BlockFace:
         return to_vector(np.array(matrices)).T if matrices else np.zeros((size, 0))
 
     def take_step(self, step: FloatArray) -> FloatArray | None:
-        """Return the block as a vector after a tangent step (d,), of the same rank; None outside the cone."""
+        """Return the block of the same rank after a tangent step (d,), as a vector; None outside the cone."""
         if not len(self.core):
             return np.zeros(len(self.basis))
         tangent = to_matrix(self.basis @ step, len(self.U))
@@ -471,9 +481,10 @@ class Face:
         self.hessian[np.diag_indices_from(self.hessian)] += _RIDGE * self.hessian.diagonal().max(initial=0.0)
 
     def step(self) -> FloatArray | None:
-        """Return the point (p,) after one step of Newton's method; None if the step leaves the cone or fails.
+        """Return the point (p,) after one step of Newton's method on the face.
 
-        The point may be worse; its certificate decides.
+        The result is None if the step leaves the cone or fails. The point may be worse than before, so it
+        needs a certificate.
         """
         try:
             step = np.asarray(np.linalg.solve(self.hessian, -(self.basis.T @ self._slack)), dtype=np.float64)
@@ -482,25 +493,26 @@ class Face:
         out = np.zeros(len(self.x))
         out[self.free] = self.x[self.free] + step[: len(self.free)]
         for face, coordinates in self.blocks:
-            moved = face.take_step(step[coordinates])
-            if moved is None:
+            block = face.take_step(step[coordinates])
+            if block is None:
                 return None
-            out[face.place] = moved
+            out[face.place] = block
         return out if np.isfinite(out).all() and (out[self.free] >= 0.0).all() else None
 
 
-def effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> FloatArray:
-    """Return the effective number of parameters: the divergence of the fitted readings (Stein 1981).
+def compute_effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> FloatArray:
+    """Return the effective number of parameters of a penalised fit.
 
-    ``Σ_k ∂(R x)_k / ∂z_k = tr(H⁻¹ 2 RᵀR)`` on the face of the optimum, H with the bend of the penalty.
+    This number is the divergence of the fitted readings (Stein 1981), ``Σ_k ∂(R x)_k / ∂z_k``, which equals
+    ``tr(H⁻¹ 2 RᵀR)`` on the face of the optimum, with H the Hessian of the objective.
 
     Args:
         program: program with squared residuals.
         x: (p,) optimum of the program.
 
     Returns:
-        (p,) effective number of parameters by each scalar, and by each block at its first parameter; the sum
-        is the total.
+        (p,) the part of each scalar, and of each block at the block's first entry, zero elsewhere; the sum is
+        the effective number of parameters.
     """
     face, freedom = Face(program, x), np.zeros(len(x))
     shares = np.diagonal(np.linalg.solve(face.hessian, face.information))
@@ -511,8 +523,8 @@ def effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Cones:
-    """Cones of products c η of a compliance with unknowns in a box, one block for each joint.
+class MassCones:
+    """Set of the products c π of a compliance c and unknown masses and moments π, one block for each joint.
 
     Unknowns π in a box and in balls, each multiplied by its joint's own c ≥ 0, lie in a convex cone: the
     perspective of that set (Boyd & Vandenberghe 2004, §3.2.6). In units of the half-widths a block of x is
@@ -529,8 +541,8 @@ class Cones:
         sizes = [block.size for block in self.blocks]
         return np.cumsum([0, *sizes[:-1]])
 
-    def least(self, s: FloatArray) -> float:
-        """Return the least value of sᵀx over the set, zero or negative, in closed form.
+    def minimise_linear_function(self, s: FloatArray) -> float:
+        """Return the least value of the linear function sᵀx over the set: zero or negative, in closed form.
 
         For each block the least value is ``cap · min(0, s_c − h(s))``, h the support function of the block's
         set at c = 1. So any residual gives a lower bound of an optimum, by arithmetic alone.
@@ -546,8 +558,8 @@ class Cones:
             total += cap * min(0.0, float(s[start] - np.abs(zeta).sum() - pulls.sum()))
         return total
 
-    def projected(self, x: FloatArray) -> FloatArray:
-        """Return a point of the set near x: entries outside the limits are moved to them, block by block."""
+    def move_into_set(self, x: FloatArray) -> FloatArray:
+        """Return a point (p,) of the set near x (p,): entries beyond a limit are moved onto it."""
         x = x.copy()
         for start, block, cap in zip(self.first.tolist(), self.blocks, self.cap.tolist(), strict=True):
             c = x[start] = min(max(x[start], 0.0), cap)
@@ -561,14 +573,17 @@ class Cones:
 
 
 @dataclass(frozen=True, eq=False)
-class Weighed(ConeSolution):
-    """Optimum of `solve_weighed`; the certificate's gap bounds the excess of the loss, with ‖b‖ = 1."""
+class MassConeSolution(ConeSolution):
+    """Optimum of least squares ‖A x − b‖² over the set of a `MassCones`.
+
+    The gap of the certificate bounds the excess of the loss over its least value, for ‖b‖ = 1.
+    """
 
     loss: float  #: ‖A x − b‖² at the optimum
 
 
-def solve_weighed(A: FloatArray, b: FloatArray, cones: Cones) -> Weighed:
-    """Solve ``minimise ‖A x − b‖²`` over cones of products by Clarabel, and certify the optimum.
+def solve_mass_cones(A: FloatArray, b: FloatArray, cones: MassCones) -> MassConeSolution:
+    """Solve ``minimise ‖A x − b‖²`` over cones of masses and moments by Clarabel, and certify the optimum.
 
     For any x and y: ``‖A y − b‖² ≥ ‖A x − b‖² + 2 gᵀ(y − x)`` with g = Aᵀ(A x − b), so that the excess is at
     most ``2 (gᵀx − min gᵀy)``.
@@ -584,26 +599,28 @@ def solve_weighed(A: FloatArray, b: FloatArray, cones: Cones) -> Weighed:
     from jointstiff.solver.estimation import convex  # takes a second to import
 
     size = float(np.linalg.norm(b)) or 1.0
-    program = convex.state_weighed(len(b), cones.blocks)
+    program = convex.state_mass_cones(len(b), cones.blocks)
 
-    def propose_solutions() -> Iterator[Weighed]:
-        """Yield points with their certificates, tolerance by tolerance."""
-        for tolerance in _WEIGHED_LADDER:
+    def propose_solutions() -> Iterator[MassConeSolution]:
+        """Yield points with their certificates, one for each tolerance that Clarabel reaches."""
+        for tolerance in _WEIGHED_TOLERANCES:
             point = program.solve({"A": A, "b": b / size, "cap": cones.cap / size}, tolerance)
             if point is not None:
-                x = cones.projected(size * point)
+                x = cones.move_into_set(size * point)
                 residual = A @ x - b
                 gradient = A.T @ residual
-                outside = -2.0 * cones.least(gradient) / size**2
+                outside = -2.0 * cones.minimise_linear_function(gradient) / size**2
                 gap = outside + 2.0 * float(gradient @ x) / size**2
                 evidence = Certificate(0.0, outside, gap, residual / size, "clarabel")
-                yield Weighed(x, evidence, float(residual @ residual))
+                yield MassConeSolution(x, evidence, float(residual @ residual))
 
     return _select_certified(propose_solutions(), GAP, None)
 
 
-def weighed_ends(A: FloatArray, b: FloatArray, optimum: Weighed, rise: float, cones: Cones) -> FloatArray:
-    """Return bounds of each block's c over all points of the set with ``‖A x − b‖² ≤ loss + rise``.
+def bound_compliances(
+    A: FloatArray, b: FloatArray, optimum: MassConeSolution, rise: float, cones: MassCones
+) -> FloatArray:
+    """Return bounds of each joint's compliance c over all x of the set with ``‖A x − b‖² ≤ loss + rise``.
 
     For any u: ``aᵀy ≥ uᵀb − ‖u‖ + min (a − Aᵀu)ᵀy`` for all y with ‖A y − b‖ ≤ 1. A second round uses the
     upper bounds of the first as caps, which sharpens the bounds.
@@ -611,7 +628,7 @@ def weighed_ends(A: FloatArray, b: FloatArray, optimum: Weighed, rise: float, co
     Args:
         A: (rows, p) regressor.
         b: (rows,) readings.
-        optimum: result of `solve_weighed` for the same A and b.
+        optimum: optimum of ‖A x − b‖² over the set.
         rise: allowed increase of the loss, positive.
         cones: set of x.
 
@@ -621,19 +638,23 @@ def weighed_ends(A: FloatArray, b: FloatArray, optimum: Weighed, rise: float, co
     from jointstiff.solver.estimation import convex  # takes a second to import
 
     radius = max(float(np.sqrt(optimum.loss + rise)), _LEAST_RADIUS * float(np.linalg.norm(b)))
-    program = convex.state_weighed_end(len(b), cones.blocks)
+    program = convex.state_mass_cone_end(len(b), cones.blocks)
     data = {"A": A, "b": (b - A @ optimum.x) / radius, "near": optimum.x / radius, "cap": cones.cap / radius}
     bounds, duals = np.full((len(cones.cap), 2), np.nan), {}
     for j, side in np.ndindex(bounds.shape):
         a = np.zeros(len(optimum.x))
         a[cones.first[j]] = (1.0, -1.0)[side]
-        solution = program.solve_with_duals({"a": a, **data}, *_WEIGHED_LADDER)
+        solution = program.solve_with_duals({"a": a, **data}, *_WEIGHED_TOLERANCES)
         if solution is not None:
             duals[j, side] = a, solution[1][1 : 1 + len(b)]
     cap = cones.cap
     for _ in range(2):  # the second round uses the caps that the first has lowered
         for (j, side), (a, u) in duals.items():
-            least = u @ b - radius * float(np.linalg.norm(u)) + Cones(cones.blocks, cap).least(a - A.T @ u)
+            least = (
+                u @ b
+                - radius * float(np.linalg.norm(u))
+                + MassCones(cones.blocks, cap).minimise_linear_function(a - A.T @ u)
+            )
             bounds[j, side] = least if side == 0 else -least
         cap = np.fmin(cap, bounds[:, 1])
     bounds[:, 0] = np.fmax(bounds[:, 0], 0.0)

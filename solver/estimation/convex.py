@@ -5,12 +5,12 @@
     state_semidefinite   minimise ‖T y − z‖² + pᵀy                      elastic links (§7)
     state_sum_of_norms   minimise Σ_i ρ(‖A_i x − d_i‖) + pᵀx            elastic links, robust losses (§7)
     state_penalised_end  minimise aᵀx subject to ‖T x − z‖² + pᵀx ≤ J   effective compliance's interval (§7)
-    state_weighed        minimise ‖A x − b‖²                            stiffness without a load (§14)
-    state_weighed_end    minimise aᵀx subject to ‖A x − b‖ ≤ 1          interval without a load (§14)
-    worst_direction      maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0            E-optimal design (§10)
+    state_mass_cones     minimise ‖A x − b‖²                            stiffness without a load (§14)
+    state_mass_cone_end  minimise aᵀx subject to ‖A x − b‖ ≤ 1          interval without a load (§14)
+    solve_e_optimal_design  maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0         E-optimal design (§10)
 
 The first two are subject to lower ≤ x ≤ upper and B x ≥ d, the next three to x_j ≥ 0 and Mat(x_b) ⪰ 0,
-with x = near + y in the first of them, the next two to the cones of `conic.Cones`, and the last one to
+with x = near + y in the first of them, the next two to the cones of `conic.MassCones`, and the last one to
 M(w) = M0 + Σ w_i K_i, Σ w = 1 and w ≥ 0. Variables are equilibrated. A program is compiled once for a
 shape, its data being parameters. `solve_huber`, `state_sum_of_norms`, `state_penalised_end` and designs are
 stated with their data, as that compiles faster. Ends of joints' intervals are found in batches, by
@@ -93,7 +93,7 @@ class Program:
         self._x = slice(start, start + x.size)
 
     def solve(self, data: Mapping[str, FloatArray], *tolerances: float) -> FloatArray | None:
-        """Return the optimum of x that `solve_with_duals` finds; None if Clarabel reaches no tolerance."""
+        """Return the optimum of x by Clarabel, trying tolerances in turn; None if Clarabel reaches none."""
         answer = self.solve_with_duals(data, *tolerances)
         return None if answer is None else answer[0]
 
@@ -123,7 +123,10 @@ class Program:
         return None
 
     def _cone_data(self, data: Mapping[str, FloatArray]) -> tuple[FloatArray, csc_array, FloatArray]:
-        """Return q, A and b of the cone program for values of the parameters; ignore other entries."""
+        """Return q, A and b of the cone program for values of the parameters.
+
+        `data` has the value of each parameter by the parameter's name; other entries are ignored.
+        """
         if self._maps is None:
             return self._q, self._A, self._b
         to_q, to_Ab, (indices, indptr, (m, columns)) = self._maps
@@ -139,7 +142,10 @@ class Program:
 
 
 def solve_least_squares(scaled: Scaled) -> FloatArray | None:
-    """Return x (n,) of ``minimise ‖A x − b‖² subject to lower ≤ x ≤ upper, B x ≥ d``; None if not solved."""
+    """Solve ``minimise ‖A x − b‖² subject to lower ≤ x ≤ upper, B x ≥ d`` by Clarabel.
+
+    Returns a point x (n,) near the optimum; None if Clarabel fails.
+    """
     return _state_least_squares(*_find_shape(scaled)).solve(_collect_data(scaled), TOLERANCE)
 
 
@@ -147,7 +153,18 @@ def solve_least_squares(scaled: Scaled) -> FloatArray | None:
 def _state_least_squares(
     rows: int, columns: int, below: _Places, above: _Places, inequalities: int
 ) -> Program:
-    """Compile the program of `solve_least_squares` for a shape, as `_find_shape` returns it."""
+    """Compile ``minimise ‖A x − b‖² subject to lower ≤ x ≤ upper, B x ≥ d`` for a problem's shape.
+
+    Args:
+        rows: number of rows of A.
+        columns: number of variables x.
+        below: indices of the variables that have a lower bound.
+        above: indices of the variables that have an upper bound.
+        inequalities: number of rows of B.
+
+    Returns:
+        The program; its parameters are A, b, lower, upper, B and d.
+    """
     with COMPILING:
         x, r = cp.Variable(columns), cp.Variable(rows)
         A, b = cp.Parameter((rows, columns), name="A"), cp.Parameter(rows, name="b")
@@ -172,7 +189,7 @@ def solve_huber(
     Returns:
         (n,) compliances [rad/(N·m)] to Clarabel's tolerance; None if Clarabel fails.
     """
-    scaled = Scaled.of(squared)
+    scaled = Scaled.from_problem(squared)
     n = len(scaled.unit)
     with COMPILING:
         x = cp.Variable(n)
@@ -254,8 +271,8 @@ def state_penalised_end(T: FloatArray, z: FloatArray, p: FloatArray, limit: floa
 
 
 @lru_cache(maxsize=32)
-def state_weighed(rows: int, blocks: tuple[Block, ...]) -> Program:
-    """State ``minimise ‖A x − b‖² subject to x in the cones of the blocks, c ≤ cap`` (see `conic.Cones`).
+def state_mass_cones(rows: int, blocks: tuple[Block, ...]) -> Program:
+    """State ``minimise ‖A x − b‖² subject to x in the cones of the blocks, c ≤ cap`` (see `conic.MassCones`).
 
     Args:
         rows: number of rows of A.
@@ -272,11 +289,19 @@ def state_weighed(rows: int, blocks: tuple[Block, ...]) -> Program:
 
 
 @lru_cache(maxsize=32)
-def state_weighed_end(rows: int, blocks: tuple[Block, ...]) -> Program:
-    """State ``minimise aᵀy subject to ‖A y − b‖ ≤ 1``, with near + y in the set of `state_weighed`.
+def state_mass_cone_end(rows: int, blocks: tuple[Block, ...]) -> Program:
+    """State ``minimise aᵀy subject to ‖A y − b‖ ≤ 1, near + y in the cones of the blocks, c ≤ cap``.
 
-    `near` is the optimum and the unit is the ball's radius, because Clarabel needs a well-scaled program.
-    The ball is the first of the program's second-order cones.
+    `near` is the optimum and the unit is the radius of the ball ‖A y − b‖ ≤ 1, because Clarabel needs a
+    well-scaled program. The ball is the first of the program's second-order cones.
+
+    Args:
+        rows: number of rows of A.
+        blocks: layout of near + y, one block for each joint.
+
+    Returns:
+        The compiled program; its parameters are A (rows, p), b (rows,), a (p,), near (p,), and cap with one
+        entry for each block.
     """
     with COMPILING:
         p = sum(block.size for block in blocks)
@@ -287,7 +312,10 @@ def state_weighed_end(rows: int, blocks: tuple[Block, ...]) -> Program:
 
 
 def _state_block_cones(x: cp.Expression, blocks: tuple[Block, ...]) -> list[cp.Constraint]:
-    """Return constraints of each block (c, ζ, ν): ``0 ≤ c ≤ cap, |ζ_k| ≤ c, ‖ν‖ ≤ c + ratio ζ_own``."""
+    """Return the constraints of all blocks: ``0 ≤ c ≤ cap, |ζ_k| ≤ c, ‖ν‖ ≤ c + ratio ζ_own``.
+
+    x holds (c, ζ, ν) of one block after the other; `cap`, with one entry for each block, is a parameter.
+    """
     cap = cp.Parameter(len(blocks), name="cap")
     constraints, start = [], 0
     for number, block in enumerate(blocks):
@@ -319,7 +347,11 @@ _Places = tuple[int, ...]
 
 
 def _find_shape(scaled: Scaled) -> tuple[int, int, _Places, _Places, int]:
-    """Return rows, columns, places of the lower and of the upper bounds, and the number of inequalities."""
+    """Return the shape of a problem, which decides the program that is compiled for it.
+
+    Returns the numbers of rows and of variables, the indices of the variables with a lower bound and of those
+    with an upper bound, and the number of inequalities.
+    """
     bounds = scaled.bounds
     below, above = (np.flatnonzero(np.isfinite(bound)).tolist() for bound in (bounds.lower, bounds.upper))
     return *scaled.A.shape, tuple(below), tuple(above), len(scaled.d)
@@ -328,7 +360,10 @@ def _find_shape(scaled: Scaled) -> tuple[int, int, _Places, _Places, int]:
 def _state_constraints(
     x: cp.Variable, below: _Places, above: _Places, inequalities: int
 ) -> list[cp.Constraint]:
-    """Return bounds of x at the given places and inequalities B x ≥ d, their numbers being parameters."""
+    """Return the constraints lower ≤ x ≤ upper and B x ≥ d, with parameters lower, upper, B and d.
+
+    Only variables with indices in `below` have a lower bound, and only those in `above` an upper bound.
+    """
     constraints = []
     if below:
         constraints.append(x[list(below)] >= cp.Parameter(len(below), name="lower"))
@@ -341,19 +376,21 @@ def _state_constraints(
 
 
 def _collect_data(scaled: Scaled) -> dict[str, FloatArray]:
-    """Return the values of a program's parameters, by their names."""
+    """Return the values of the parameters A, b, lower, upper, B and d of a problem, by their names."""
     lower, upper = (bound[np.isfinite(bound)] for bound in (scaled.bounds.lower, scaled.bounds.upper))
     return {"A": scaled.A, "b": scaled.b, "lower": lower, "upper": upper, "B": scaled.B, "d": scaled.d}
 
 
-def worst_direction(base: FloatArray, K: FloatArray, metric: FloatArray) -> tuple[FloatArray, FloatArray]:
+def solve_e_optimal_design(
+    base: FloatArray, K: FloatArray, metric: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Solve ``maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0``, the E-optimal design.
 
-    t is the least eigenvalue of V C V, with C the information on the first s parameters: the design is best
-    for the combination of parameters that it determines worst.
+    Here t is the least eigenvalue of V C V, with C the information on the first s parameters. The optimal
+    design determines the worst determined combination of these parameters as well as possible.
 
     Args:
-        base: M0 (p, p) information that is there before the design.
+        base: M0 (p, p) information before any candidate is measured.
         K: (k, p, p) information K_i of each candidate.
         metric: V (s,) units of the first s parameters.
 
@@ -379,7 +416,7 @@ def worst_direction(base: FloatArray, K: FloatArray, metric: FloatArray) -> tupl
             if problem.status == cp.OPTIMAL:
                 break
         else:
-            raise SolverError(f"Clarabel ended a design's program as {problem.status}")
+            raise SolverError(f"Clarabel did not solve the E-optimal design: its status is {problem.status}")
     weights = np.clip(np.asarray(w.value, dtype=np.float64), 0.0, 1.0)
     weights[weights < 1e-7] = 0.0  # rounding
     dual = np.asarray(inequality.dual_value)[:s, :s] / np.outer(metric, metric)

@@ -54,7 +54,7 @@ from jointstiff.solver.estimation.solution import Certificate, greatest_violatio
 from jointstiff.solver.mechanics.block import regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.text import rounded_down, stiffness_text
+from jointstiff.solver.text import round_down, stiffness_text
 
 RADIUS_TOLERANCE = 1e-11
 """Largest relative deviation of an interval end's squared distance from ρ² that is rounding."""
@@ -67,14 +67,14 @@ _NO_DIRECTION = 1e-13
 """Relative singular value that counts as zero."""
 _AT_BOUND = 1e-9
 """Distance from a joint to its own bound, in units of the ball's radius, that counts as zero."""
-_STANDS_STILL = 1e-13
+_NO_MOVEMENT = 1e-13
 """Movement of a joint on a face, relative to the movement without constraints, that is rounding."""
 _VIOLATION = 1e-9
 """Tolerance of an inequality, in units of the ball's radius."""
 _NOT_CERTIFIED = "an end of a confidence interval could not be certified"
 
 
-def interval_ends(
+def compute_interval_ends(
     likelihood: Likelihood,
     constraints: Constraints,
     rows: FloatArray,
@@ -83,7 +83,7 @@ def interval_ends(
     *,
     by_profile: bool = True,
 ) -> FloatArray:
-    """Return confidence intervals of linear functions aᵀc: profile-likelihood intervals, widened.
+    """Compute confidence intervals of linear functions aᵀc: profile-likelihood intervals, widened.
 
     A profile interval uses the constraints on the other joints as information; where joints truly are at
     their bounds it covers too little (86 % instead of 95 % with two rigid joints). So it is widened to
@@ -94,9 +94,10 @@ def interval_ends(
         likelihood: of p compliances.
         constraints: on the same p compliances.
         rows: (w, p) functions a, none zero; each determined by the readings.
-        radii: (q,) √Δ in units of ‖R c‖, one for each kind of interval.
+        radii: (q,) √Δ for each kind of interval: half its width in standard uncertainties, times sigma.
         value: (w,) estimates of the functions, in the unit of aᵀc.
-        by_profile: whether to include the profile interval; the cut interval alone has enough coverage.
+        by_profile: whether to include the profile interval; the unconstrained interval cut at the constraints
+            has enough coverage alone.
 
     Returns:
         (q, w, 2) lower and upper ends, in the unit of aᵀc.
@@ -108,22 +109,24 @@ def interval_ends(
     box = compute_range_on_box(rows, constraints.bounds)
     centre = (rows @ likelihood.centre)[:, None]
     clipped = np.clip(centre + np.stack([-half, half], axis=-1), box[:, :1], box[:, 1:])
-    ends = profile_ends(likelihood, constraints, rows, radii) if by_profile else clipped
+    ends = compute_profile_ends(likelihood, constraints, rows, radii) if by_profile else clipped
     lower = np.minimum(np.minimum(ends[..., 0], clipped[..., 0]), value)
     upper = np.maximum(np.maximum(ends[..., 1], clipped[..., 1]), value)
     return np.stack([lower, upper], axis=-1)
 
 
-def profile_ends(
+def compute_profile_ends(
     likelihood: Likelihood, constraints: Constraints, rows: FloatArray, radii: FloatArray
 ) -> FloatArray:
-    """Return the ends of the profile-likelihood intervals of linear functions aᵀc.
+    """Compute the ends of the profile-likelihood intervals of linear functions aᵀc.
+
+    An end is the least or greatest aᵀc within the constraints and ``‖R (c − ĉ)‖² ≤ min + Δ``.
 
     Args:
         likelihood: of p compliances.
         constraints: on the same p compliances.
         rows: (w, p) functions a, none zero; each determined by the readings.
-        radii: (q,) √Δ in units of ‖R c‖, one for each kind of interval.
+        radii: (q,) √Δ for each kind of interval: half its width in standard uncertainties, times sigma.
 
     Returns:
         (q, w, 2) lower and upper ends, in the unit of aᵀc.
@@ -172,6 +175,7 @@ class _Ball:
     """Likelihood around its centre in equilibrated variables x, as ``‖A x‖²``, with the constraints."""
 
     def __init__(self, likelihood: Likelihood, constraints: Constraints, scale: float) -> None:
+        """Scale likelihood and constraints: ``c = ĉ + unit · x`` and ``‖R (c − ĉ)‖ = scale ‖A x‖``."""
         rows, centre = likelihood.rows, likelihood.centre
         norms = np.linalg.norm(rows, axis=0)
         self.unit: FloatArray = scale / norms
@@ -208,14 +212,21 @@ class _Ball:
         return solution.compliance, solution.active != 0, tight
 
     def find_ends(self, objective: FloatArray, radius2: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Minimise objectives (K, p) under ‖A x‖² ≤ radius2 (K,) and the constraints: ends of intervals.
+        """Minimise K linear objectives over the part of a ball that satisfies the constraints.
 
-        For each objective, Newton's method finds the s at which the optimum of the quadratic program (see the
-        module) reaches the sphere.
+        For each objective, Newton's method finds the s at which the optimum of ``‖A x + s h‖²`` under the
+        constraints reaches the sphere, with h such that Aᵀh is the objective.
+
+        Args:
+            objective: (K, p) coefficients of the objectives.
+            radius2: (K,) squared radii of the balls ‖A x‖² ≤ radius2.
 
         Returns:
-            The points (K, p), and whether (K,) the objective reached its least value within the bounds
-            already inside the ball.
+            The points (K, p), and whether (K,) the objective has its least value within the bounds already
+            inside the ball.
+
+        Raises:
+            SolverError: a point could not be certified, or was not found in `MOST_ROUNDS` rounds.
         """
         count = len(objective)
         pull = np.asarray(np.linalg.lstsq(self.A.T, objective.T, rcond=_NO_DIRECTION)[0].T, np.float64)  # h
@@ -229,13 +240,13 @@ class _Ball:
             x, step = self.find_optima(s[pending], objective[pending], pull[pending])
             reached = np.square(x @ self.A.T).sum(axis=1)
             slope = (objective[pending] * step).sum(axis=1)
-            slope = np.where(slope > _STANDS_STILL * free_slope[pending], slope, 0.0)
+            slope = np.where(slope > _NO_MOVEMENT * free_slope[pending], slope, 0.0)
             above_least = (objective[pending] * x).sum(axis=1) - least_in_box[pending]
             at_least = above_least <= _AT_BOUND * np.maximum(1.0, np.abs(x).max(axis=1))
             goal = radius2[pending]
             inside = at_least & (reached <= goal * (1 + RADIUS_TOLERANCE))
-            done = inside | (np.abs(reached - goal) <= RADIUS_TOLERANCE * goal)
-            points[pending[done]], at_bound[pending[done]] = x[done], inside[done]
+            settled = inside | (np.abs(reached - goal) <= RADIUS_TOLERANCE * goal)
+            points[pending[settled]], at_bound[pending[settled]] = x[settled], inside[settled]
             least = low[pending] = np.where(reached < goal, s[pending], low[pending])
             most = high[pending] = np.where(reached > goal, s[pending], high[pending])
             # Newton's step on the face, ‖A x(s)‖² = on_face + s² slope; the middle where that leads astray
@@ -244,7 +255,7 @@ class _Ball:
                 newton = np.sqrt((goal - on_face) / slope)
             middle = np.where(np.isfinite(most), 0.5 * (least + most), 4.0 * least)
             s[pending] = np.where((newton > least) & (newton < most), newton, middle)
-            pending = pending[~done]
+            pending = pending[~settled]
             if not len(pending):
                 return points, at_bound
         raise SolverError(_NOT_CERTIFIED)
@@ -252,7 +263,16 @@ class _Ball:
     def find_optima(
         self, s: FloatArray, objective: FloatArray, pull: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the optima x (K, p) of the quadratic programs at s (K,), and −dx/ds (K, p) on their face."""
+        """Minimise ``‖A x + s h‖²`` under the constraints, for K objectives Aᵀh.
+
+        Args:
+            s: (K,) factors of h.
+            objective: (K, p) objectives Aᵀh.
+            pull: (K, m) vectors h.
+
+        Returns:
+            The optima x (K, p), and −dx/ds (K, p) with the active constraints kept.
+        """
         x, step = np.zeros(objective.shape), np.zeros(objective.shape)
         pending = np.ones(len(s), dtype=np.bool_)
         if self.inequalities is None:
@@ -266,9 +286,9 @@ class _Ball:
             slopes = np.where(free, objective[settled], 0.0)[..., None]
             step[settled] = np.linalg.solve(matrices, slopes)[..., 0]
         for k in np.flatnonzero(pending):
-            x[k], held, tight = self.find_optimum(-s[k] * pull[k])
-            rows = np.vstack([np.eye(len(held))[held], tight])
-            along = np.eye(len(held))  # directions of the face; A may lack rank
+            x[k], at_bound, tight = self.find_optimum(-s[k] * pull[k])
+            rows = np.vstack([np.eye(len(at_bound))[at_bound], tight])
+            along = np.eye(len(at_bound))  # directions of the face; A may lack rank
             if len(rows):
                 _, singular, Vt = np.linalg.svd(rows, full_matrices=True)
                 along = Vt[int((singular > _NO_DIRECTION * singular[0]).sum()) :].T
@@ -278,8 +298,8 @@ class _Ball:
         return x, step
 
 
-def stiffness_of(compliance: float | None) -> float | None:
-    """Return the stiffness 1 / c; None for a rigid joint (c = 0 or None) and where the inverse overflows."""
+def invert_compliance(compliance: float | None) -> float | None:
+    """Return the stiffness 1 / c of a compliance c; None if c is zero or None, or if 1 / c overflows."""
     if not compliance:
         return None
     stiffness = 1.0 / float(compliance)
@@ -287,15 +307,15 @@ def stiffness_of(compliance: float | None) -> float | None:
 
 
 def stiffness_interval(interval: tuple[float, float] | None) -> tuple[float, float | None] | None:
-    """Return the interval of the stiffness, [1/c_hi, 1/c_lo], from that of the compliance [c_lo, c_hi].
+    """Return the interval of the stiffness, (1/c_hi, 1/c_lo), for an interval (c_lo, c_hi) of the compliance.
 
-    The upper end is None where the compliance may be zero. Returns None where the compliance may be negative,
-    so that there is no least stiffness.
+    The upper end is None where the compliance may be zero. The result is None without an interval, and where
+    the compliance may be negative, so that the stiffness has no lower limit.
     """
     if interval is None or interval[0] < 0 or interval[1] <= 0:
         return None
-    least = stiffness_of(interval[1])
-    return None if least is None else (least, stiffness_of(interval[0]))
+    least = invert_compliance(interval[1])
+    return None if least is None else (least, invert_compliance(interval[0]))
 
 
 @dataclass(frozen=True)
@@ -321,7 +341,7 @@ class JointCompliance:
     @property
     def stiffness(self) -> float | None:
         """Stiffness [N·m/rad]; None for a rigid joint and where the stiffness overflows."""
-        return stiffness_of(self.compliance)
+        return invert_compliance(self.compliance)
 
     @property
     def stiffness_interval(self) -> tuple[float, float | None] | None:
@@ -345,11 +365,14 @@ class CommonErrors:
 
     @property
     def responses(self) -> FloatArray:
-        """Changes (n, K) by the errors of all sources; the product with the transpose is their covariance."""
+        """Changes S (n, K) of the estimate by the errors of all sources; S Sᵀ is their covariance."""
         return np.hstack(list(self.by_source.values()))
 
-    def of(self, source: str) -> FloatArray:
-        """Return the changes (n, k) by the errors of one source; k = 0 for a source without errors."""
+    def responses_to(self, source: str) -> FloatArray:
+        """Return the changes (n, k) of the compliances by one standard uncertainty of each error of a source.
+
+        The unit is rad/(N·m); k = 0 for a source without errors.
+        """
         return self.by_source.get(source, self.responses[:, :0])
 
 
@@ -402,7 +425,7 @@ class Estimate:
     @property
     def regressor(self) -> FloatArray:
         """Regressor (m, n) of all readings, compressed and weighted by covariance for every method."""
-        return self.triangles.judged.matrix
+        return self.triangles.all_readings.matrix
 
     @property
     def estimated(self) -> BoolArray:
@@ -473,36 +496,40 @@ class Evidence:
     scale: Scale  #: sigma and the residuals under sigma
     constraints: Constraints  #: on the compliances
     confidence: float  #: level of the intervals
-    prior_to_data: FloatArray  #: (n,) as in `JointCompliance`, but NaN without a prior
+    #: (n,) information of each joint's prior over that of the readings; NaN for a joint without a prior, inf
+    #: where only the prior separates the joint from other joints
+    prior_to_data: FloatArray
 
-    def judge_joints(self) -> tuple[JointCompliance, ...]:
-        """Return the result for each joint: number, interval, status and reason.
+    def derive_joint_results(self) -> tuple[JointCompliance, ...]:
+        """Return the result for each joint: compliance, interval, status and reason.
 
         Raises:
             SolverError: if the end of an interval could not be certified.
         """
-        hidden = [self.explain_missing_stiffness(j) for j in range(len(self.names))]
-        shown = np.array([j for j, reason in enumerate(hidden) if reason is None], dtype=np.intp)
-        ends: list[FloatArray | None] = [None] * len(shown)
+        reasons = [self.explain_missing_stiffness(j) for j in range(len(self.names))]
+        determined = np.array([j for j, reason in enumerate(reasons) if reason is None], dtype=np.intp)
+        ends: list[FloatArray | None] = [None] * len(determined)
         sigma, likelihood = self.scale.sigma, self.fit.likelihood
-        if sigma is not None and len(shown):
+        if sigma is not None and len(determined):
             tail = 1.0 - self.confidence
             # Two-sided intervals leave half of the tail on each side, one-sided bounds the whole tail.
             radii = sigma * np.array([self.scale.quantile(1.0 - part * tail) for part in (0.5, 1.0)])
             constraints = self.constraints.select(likelihood.joints)
-            wanted = np.eye(len(likelihood.joints))[np.searchsorted(likelihood.joints, shown)]
-            value = self.fit.compliance[shown]
-            ends = [*interval_ends(likelihood, constraints, wanted, radii, value).transpose(1, 0, 2)]
+            functions = np.eye(len(likelihood.joints))[np.searchsorted(likelihood.joints, determined)]
+            value = self.fit.compliance[determined]
+            ends = [
+                *compute_interval_ends(likelihood, constraints, functions, radii, value).transpose(1, 0, 2)
+            ]
         joints = [
             JointCompliance(name, kind, "not_observable", reason=reason)
-            for name, kind, reason in zip(self.names, self.observability.kinds, hidden, strict=True)
+            for name, kind, reason in zip(self.names, self.observability.kinds, reasons, strict=True)
         ]
-        for j, intervals in zip(shown.tolist(), ends, strict=True):
-            joints[j] = self.judge_joint(j, intervals)
+        for j, intervals in zip(determined.tolist(), ends, strict=True):
+            joints[j] = self.derive_joint_result(j, intervals)
         return tuple(joints)
 
-    def judge_joint(self, j: int, ends: FloatArray | None) -> JointCompliance:
-        """Return the result for a joint j that has a number.
+    def derive_joint_result(self, j: int, ends: FloatArray | None) -> JointCompliance:
+        """Return the result for a joint j whose compliance the readings determine.
 
         Args:
             j: index of the joint.
@@ -521,7 +548,11 @@ class Evidence:
             reason = _NO_UNCERTAINTY
         elif uncertainty is not None and ends[0, 0] <= 0.0 <= ends[0, 1]:
             status = "uncertain"
-            size = "exceeds the compliance itself" if uncertainty >= abs(value) else "leaves no upper limit"
+            size = (
+                "exceeds the compliance itself"
+                if uncertainty >= abs(value)
+                else "leaves its stiffness without an upper limit"
+            )
             reason = (
                 f"{self.describe_lower_limit(j, ends)}the standard uncertainty of its compliance, "
                 f"{1e6 * uncertainty:.2g} {units.micro_compliance}, {size}: add loads with more {units.load} "
@@ -560,8 +591,8 @@ class Evidence:
             limit = self.describe_lower_limit(j, ends) or "its compliance is zero: "
             return f"{limit}these readings cannot distinguish it from a rigid joint"
         if self.fit.tied[j] or active:
-            seen = np.flatnonzero(~self.observability.null)
-            pairs = [seen[[i, k]].tolist() for i, k in self.constraints.select(seen).order]
+            visible = np.flatnonzero(~self.observability.null)
+            pairs = [visible[[i, k]].tolist() for i, k in self.constraints.select(visible).order]
             tied = [i + k - j for i, k in pairs if j in (i, k) and compliance[i] == compliance[k]]
             if tied:
                 partners = ", ".join(self.names[k] for k in tied)
@@ -574,7 +605,7 @@ class Evidence:
         """Return the text of the lower limit of joint j's stiffness; empty if there is no limit."""
         if ends is None or ends[1, 1] <= 0.0:
             return ""
-        stiffness = stiffness_text(rounded_down(1.0 / float(ends[1, 1])), self.observability.kinds[j])
+        stiffness = stiffness_text(round_down(1.0 / float(ends[1, 1])), self.observability.kinds[j])
         return f"stiffer than {stiffness} at {100 * self.confidence:g} %: "
 
     def explain_missing_stiffness(self, j: int) -> str | None:
@@ -599,13 +630,13 @@ class Evidence:
 _LEAST_POSTURES: Final = 2
 """Number of postures, beyond that of the joints, needed to separate model error from noise."""
 _NO_UPPER_END = (
-    "if single postures are left out, its stiffness has no upper limit: something besides the joints bends"
+    "its stiffness has no upper limit if single postures are left out: something besides the joints bends"
 )
 
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Uncertainty of all n compliances, by one or several sources; leading dimensions stack several."""
+    """Uncertainty of all n compliances; leading dimensions of the covariance stack several uncertainties."""
 
     covariance: FloatArray  #: (..., n, n) [(rad/(N·m))²]
 
@@ -625,7 +656,7 @@ class Spread:
 
 @dataclass(frozen=True, eq=False)
 class BudgetComponent(Spread):
-    """Uncertainty of all compliances by one source."""
+    """Part of the uncertainty of all compliances that one source causes."""
 
     #: `readings`, the name of a term whose uncertainty is stated or assumed, `model_error` or
     #: `complementary_stiffness`
@@ -637,7 +668,7 @@ class BudgetComponent(Spread):
 
 
 @dataclass(frozen=True, eq=False)
-class LeftOut:
+class PostureJackknife:
     """Estimates that each leave out one posture (jackknife)."""
 
     compliance: FloatArray  #: (P, n) without each posture in turn [rad/(N·m)]; NaN where undetermined
@@ -656,11 +687,11 @@ class UncertaintyBudget:
     coverage_factor: float
 
     @classmethod
-    def of(
+    def from_estimate(
         cls,
         estimate: Estimate,
         probability: float,
-        left_out: LeftOut | None = None,
+        left_out: PostureJackknife | None = None,
         *,
         lack_of_fit: bool = False,
     ) -> UncertaintyBudget | None:
@@ -669,7 +700,8 @@ class UncertaintyBudget:
         Args:
             estimate: of n compliances.
             probability: coverage probability.
-            left_out: estimates without single postures, which show the model error; None omits the latter.
+            left_out: estimates without single postures, from which the model error is estimated; None to
+                leave the model error out.
             lack_of_fit: whether a model of joints alone does not fit: the standard uncertainty then includes
                 the model error.
         """
@@ -682,16 +714,18 @@ class UncertaintyBudget:
         components = [BudgetComponent(readings, "readings", "B" if given else "A", True, own_freedom)]
         if common is not None:
             components += [
-                BudgetComponent(own @ own.T, source, "A" if source == "fitted_causes" else "B", True)
-                for source, own in common.by_source.items()
-                if own.any()
+                BudgetComponent(
+                    responses @ responses.T, source, "A" if source == "fitted_causes" else "B", True
+                )
+                for source, responses in common.by_source.items()
+                if responses.any()
             ]
         joints = np.flatnonzero(estimate.estimated)
         if left_out is not None:
             components += _estimate_model_error(left_out, readings, joints, included=lack_of_fit)
-        size = estimate.complementary_stiffness
-        if size is not None and not size.included and size.shift is not None:
-            shift = np.outer(size.shift, size.shift)
+        neglected = estimate.complementary_stiffness
+        if neglected is not None and not neglected.included and neglected.shift is not None:
+            shift = np.outer(neglected.shift, neglected.shift)
             components.append(BudgetComponent(shift, "complementary_stiffness", "B", False))
         factor = max(
             student_quantile(0.5 * (1.0 + probability), part.degrees_of_freedom)
@@ -701,17 +735,17 @@ class UncertaintyBudget:
         return cls(joints, tuple(components), probability, factor)
 
     def total(self, *, whole: bool = False) -> Spread:
-        """Return the sum of the included components; of all components if `whole`."""
+        """Return the sum of the components that the standard uncertainty includes; of all if `whole`."""
         parts = [part.covariance for part in self.components if part.included or whole]
         return Spread(np.sum(parts, axis=0))
 
     @property
     def spread(self) -> Spread:
-        """Stack of the components in turn, the sum of the included ones, and the sum of all."""
+        """Stack of uncertainties: the components, the sum of the included components, and the sum of all."""
         parts = [*self.components, self.total(), self.total(whole=True)]
         return Spread(np.stack([part.covariance for part in parts]))
 
-    def widened(self, estimate: Estimate, bounds: Bounds) -> Estimate:
+    def widen_intervals(self, estimate: Estimate, bounds: Bounds) -> Estimate:
         """Return the estimate with intervals widened to contain compliance ± expanded uncertainty.
 
         Args:
@@ -741,13 +775,13 @@ class UncertaintyBudget:
 
 
 def _estimate_model_error(
-    left_out: LeftOut, readings: FloatArray, joints: IndexArray, *, included: bool
+    left_out: PostureJackknife, readings: FloatArray, joints: IndexArray, *, included: bool
 ) -> list[BudgetComponent]:
-    """Return the component of the model error: dispersion over postures beyond the noise of the readings.
+    """Return the component of the model error, as a list of one; an empty list for too few postures.
 
-    The list is empty if there are too few postures. The covariance of the jackknife contains noise and model
-    error. In units of the noise its eigenvalues are 1 on average for noise alone, and at most
-    ``(1 + √(p/P))²`` (Marchenko & Pastur, 1967); only eigenvalues beyond that limit count as model error.
+    The model error is the dispersion over postures beyond the noise of the readings. The covariance of the
+    jackknife contains noise and model error. In units of the noise its eigenvalues are 1 on average for noise
+    alone, and at most ``(1 + √(p/P))²`` (Marchenko & Pastur, 1967); only larger eigenvalues count.
     """
     fits = left_out.compliance[:, joints]
     fits = fits[np.isfinite(fits).all(axis=1)]
@@ -792,26 +826,29 @@ class Prediction:
     residual: FloatArray  #: (N, T, 3) measured minus predicted; zero where a target was not read
     compensation: float | None  #: ``1 − mean‖residual‖ / mean‖δp‖``; None where nothing moved
     rms_residual: float  #: root mean square of ‖residual‖ [m]
-    contributions: Contributions | None = None  #: of the joints; None where more than joints bends
+    contributions: Contributions | None = None  #: of the joints; None where links or the base bend, too
     #: what bends in addition to the joints; None for nothing
     bending: Literal["links", "base", "links_or_base"] | None = None
     joined: bool = True  #: for `links_or_base`: whether the intervals contain the values of both models
-    #: (N, n) deflections ``δθ = diag(τ) c`` of the joints behind their gearboxes [rad]; None where more bends
+    #: (N, n) deflections ``δθ = diag(τ) c`` of the joints behind their gearboxes [rad]; None where links or
+    #: the base bend, too
     encoders: FloatArray | None = None
 
     @classmethod
-    def of(
+    def from_predicted(
         cls, measurements: Measurements, predicted: FloatArray, contributions: Contributions | None = None
     ) -> Prediction:
-        """Return predicted deflections (N, T, 3) [m] with their residuals and how much they explain."""
+        """Return the prediction of deflections (N, T, 3) [m] with residuals and compensation."""
         residual = np.where(measurements.present[..., None], measurements.deflection - predicted, 0.0)
-        left = np.linalg.norm(residual[measurements.present], axis=-1)
-        moved = np.linalg.norm(measurements.deflection[measurements.present], axis=-1).mean()
+        residual_length = np.linalg.norm(residual[measurements.present], axis=-1)
+        mean_deflection = np.linalg.norm(measurements.deflection[measurements.present], axis=-1).mean()
         return cls(
             predicted=predicted,
             residual=residual,
-            compensation=float(1.0 - left.mean() / moved) if moved > 0 else None,
-            rms_residual=float(np.sqrt(np.mean(left**2))),
+            compensation=float(1.0 - residual_length.mean() / mean_deflection)
+            if mean_deflection > 0
+            else None,
+            rms_residual=float(np.sqrt(np.mean(residual_length**2))),
             contributions=contributions,
         )
 
@@ -830,8 +867,8 @@ def predict(
         robot: n joints.
         measurements: N observations.
         compliance: (n,) [rad/(N·m)].
-        balanced: (n,) compliances that bend the robot, as `Estimate.balanced`: the deflections are then
-            those of the exact balance, to third order. None neglects that the deflection moves the load.
+        balanced: (n,) compliances with which the load bends the robot before the columns are computed: the
+            deflections are then those of the exact balance, to third order. None neglects this bending.
         estimated: (n,) joints with an estimate; all if None. Other joints have zero contributions.
 
     Returns:
@@ -840,16 +877,16 @@ def predict(
     Raises:
         SolverError: the load has no balance with joints of the given compliances.
     """
-    named = compliance if estimated is None else np.where(estimated, compliance, 0.0)
-    predicted, along, turned = [], [], []
+    by_estimated = compliance if estimated is None else np.where(estimated, compliance, 0.0)
+    predicted, along, encoder_deflections = [], [], []
     for block in regressor_blocks(robot, measurements, balanced):
         predicted.append(block.A @ compliance)
-        turned.append(block.torque * compliance)
-        moved = block.A * named
-        whole = moved.sum(axis=-1)
+        encoder_deflections.append(block.torque * compliance)
+        by_joint = block.A * by_estimated
+        whole = by_joint.sum(axis=-1)
         length = np.linalg.norm(whole, axis=-1)
         direction = whole / np.where(length > 0.0, length, 1.0)[..., None]
-        along.append(np.einsum("btij,bti->btj", moved, direction))
+        along.append(np.einsum("btij,bti->btj", by_joint, direction))
     parts, present = np.concatenate(along), measurements.present  # parts are zero where nothing was read
     mean = parts.sum(axis=(0, 1)) / present.sum()
     total = float(mean.sum())
@@ -858,5 +895,5 @@ def predict(
         mean=mean,
         share=mean / total if total > 0.0 else np.zeros_like(mean),
     )
-    prediction = Prediction.of(measurements, np.concatenate(predicted), contributions)
-    return replace(prediction, encoders=np.concatenate(turned))
+    prediction = Prediction.from_predicted(measurements, np.concatenate(predicted), contributions)
+    return replace(prediction, encoders=np.concatenate(encoder_deflections))

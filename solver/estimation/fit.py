@@ -10,7 +10,7 @@ over the targets i, each with its three coordinates (Huber, *Robust estimation o
 ``w_i = min(1, threshold/‖r_i‖)``, and weighted least squares with these weights has the same optimum. So
 they are handed on as covariances Σ_i/w_i: partial pose, and complete pose by covariance on three targets,
 then *are* the Huber estimate, and every other method and weighting is as robust as they make it. Clarabel
-solves the problem as `programs` states it; rounds of weighted least squares, damped between Newton's
+solves the problem as `convex` states it; rounds of weighted least squares, damped between Newton's
 step and reweighting, polish its point, and the outcome is certified from the data. All rows of all targets
 are kept meanwhile: 24 (n + 1) bytes a reading.
 """
@@ -38,7 +38,7 @@ from jointstiff.solver.estimation.observability import (
 )
 from jointstiff.solver.estimation.problem import Constraints, IdentificationProblem, Scaled
 from jointstiff.solver.estimation.solution import Certificate, Solution, certify, solve, solve_step
-from jointstiff.solver.estimation.triangle import Triangle, triangle_of
+from jointstiff.solver.estimation.triangle import Triangle, compute_triangular_factor
 from jointstiff.solver.mechanics.block import RegressorBlock, whitened_rows
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import JOINTS
@@ -53,7 +53,7 @@ _LEAST_FREEDOM = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """``‖R (c − ĉ)‖²`` is −2 sigma² log L(c) but for a constant, over p of the compliances.
+    """Gaussian likelihood L of p of the compliances c: ``−2 sigma² log L(c) = ‖R (c − ĉ)‖² + constant``.
 
     An unconstrained estimate ĉ = H d is Gaussian with covariance sigma² C, C = H Σ Hᵀ, so RᵀR = C⁻¹ in the
     directions that the readings determine. For weighting by covariance in one stage R is the compressed
@@ -68,15 +68,15 @@ class Likelihood:
     @cached_property
     def rows(self) -> FloatArray:
         """Matrix R (k, p) of the likelihood."""
-        return rows_of(self.covariance) if self.given_rows is None else self.given_rows
+        return invert_to_root(self.covariance) if self.given_rows is None else self.given_rows
 
-    def inflated(self, factor: float) -> Likelihood:
-        """Return the likelihood with the same centre and its covariance multiplied by a factor."""
+    def multiply_covariance(self, factor: float) -> Likelihood:
+        """Return the likelihood with its covariance multiplied by a factor, and the same centre."""
         rows = None if self.given_rows is None else self.given_rows / np.sqrt(factor)
         return Likelihood(self.joints, self.centre, factor * self.covariance, rows)
 
     def add_common_errors(self, responses: FloatArray) -> Likelihood:
-        """Return the likelihood with the covariance S Sᵀ of errors shared by all observations added to C.
+        """Return the likelihood with a covariance S Sᵀ added to C: that of errors shared by all observations.
 
         ``RᵀR`` then becomes ``Rᵀ(I + (R S)(R S)ᵀ)⁻¹R``.
 
@@ -91,8 +91,8 @@ class Likelihood:
         return Likelihood(self.joints, self.centre, self.covariance + responses @ responses.T, rows)
 
 
-def rows_of(covariance: FloatArray) -> FloatArray:
-    """Return R (p, p) such that RᵀR is the inverse of a covariance (p, p).
+def invert_to_root(covariance: FloatArray) -> FloatArray:
+    """Return a matrix R (p, p) such that RᵀR is the inverse of a covariance (p, p).
 
     Eigenvalues of the correlation matrix below rounding are raised to rounding, so that information is
     understated, never overstated.
@@ -120,13 +120,13 @@ class Fit:
     certificates: tuple[Certificate, ...]  #: certificates of each stage
     alone: Fit | None = None  #: the fit without the prior, where a prior was used
 
-    def inflated(self, factor: float) -> Fit:
-        """Return the same estimate with its covariance multiplied by a factor."""
-        wider = self.likelihood.inflated(factor)
+    def multiply_covariance(self, factor: float) -> Fit:
+        """Return the fit with the covariance of the estimate multiplied by a factor."""
+        wider = self.likelihood.multiply_covariance(factor)
         return replace(self, covariance=factor * self.covariance, likelihood=wider)
 
     def add_common_errors(self, responses: FloatArray) -> Fit:
-        """Return the same estimate with the covariance of errors that all observations share added.
+        """Return the fit with the covariance of errors that all observations share added to the estimate's.
 
         Args:
             responses: (n, k) change of the estimate by one standard uncertainty of each of k errors, in units
@@ -157,7 +157,7 @@ class StageFit:
     tied: BoolArray  #: (p,) joints whose compliance an order makes equal to another's
 
     @classmethod
-    def of(
+    def from_rows(
         cls,
         R: FloatArray,
         z: FloatArray,
@@ -166,7 +166,16 @@ class StageFit:
         prior: Prior | None = None,
         find: Find = solve,
     ) -> StageFit:
-        """Minimise ``‖R c − z‖²`` over the p given joints under constraints on these joints."""
+        """Solve one stage: minimise ``‖R c − z‖²`` over p compliances under constraints.
+
+        Args:
+            R: (m, p) compressed rows of the stage's readings.
+            z: (m,) compressed deflections, less those by joints of an earlier stage.
+            joints: (p,) joints of the columns.
+            constraints: on these p compliances.
+            prior: of all compliances, in units of sigma; its rows are added to those of the readings.
+            find: function that solves a problem.
+        """
         readings = spectrum = Spectrum(R)
         analysis = analyse_spectrum(readings, joints)
         undetermined, parameters, known = analysis.combinations, float(readings.rank), np.zeros(0)
@@ -185,13 +194,17 @@ class StageFit:
         )
         tied = np.zeros(len(joints), dtype=np.bool_)
         if solution.tight is not None:
-            level = constraints.equalise_tied(solution.compliance, solution.tight)
-            solution = replace(solution, compliance=level)
+            equalised = constraints.equalise_tied(solution.compliance, solution.tight)
+            solution = replace(solution, compliance=equalised)
             tied[np.array(constraints.order)[solution.tight].ravel()] = True
         return cls(joints, spectrum, analysis, undetermined, parameters, known, solution, tied)
 
-    def unconstrained(self, z: FloatArray) -> FloatArray:
-        """Return the estimate (p,) from readings z (m,) without constraints; the shortest if not unique."""
+    def estimate_without_constraints(self, z: FloatArray) -> FloatArray:
+        """Return the compliances (p,) of the fit without constraints; the shortest solution if not unique.
+
+        Args:
+            z: (m,) compressed deflections.
+        """
         estimate: FloatArray = self.spectrum.inverse @ np.concatenate([z, self.prior])
         return estimate
 
@@ -203,10 +216,10 @@ def fit_method(
     prior: Prior | None = None,
     find: Find = solve,
 ) -> Fit:
-    """Solve the stages of a method in turn, leaving out joints that the readings do not see.
+    """Solve the stages of a method in turn, without the joints that have no effect on the readings.
 
-    A later stage takes the compliances of an earlier stage as known. So an order between a joint of the arm
-    and a joint of the wrist constrains both joints in the likelihood, but bounds only the wrist joint here.
+    A later stage takes the compliances of an earlier stage as known. So a stiffness order between a joint of
+    the arm and a joint of the wrist only bounds the wrist joint here.
 
     Args:
         triangles: compressed rows of all observations.
@@ -216,13 +229,13 @@ def fit_method(
         find: function that solves a problem; `solve_step` is faster, for use in iterations.
 
     Raises:
-        RequestError: if such a bound leaves no feasible compliance for a wrist joint.
+        RequestError: if the bounds on a wrist joint from the stiffness order leave no feasible compliance.
         UnsupportedMethodError: if the wrist centre does not show an arm joint that the targets see, or
             determines arm joints only in combination, so that the arm's share of the targets' deflection is
             unknown.
     """
     n, method = len(null), triangles.method
-    compliance, free = np.zeros(n), np.zeros(n)
+    compliance, free = np.zeros(n), np.zeros(n)  # under the constraints, and without them
     fits: dict[int, StageFit] = {}
     if len(method.stages) > 1:
         _refuse_unseen_from_centre(triangles, null)
@@ -232,7 +245,7 @@ def fit_method(
             continue
         R, z, by_known = triangle.matrix[:, joints], triangle.rhs, triangle.matrix[:, known]
         remaining = constraints.fix_joints(known, compliance[known], joints)
-        fitted = StageFit.of(R, z - by_known @ compliance[known], joints, remaining, prior, find)
+        fitted = StageFit.from_rows(R, z - by_known @ compliance[known], joints, remaining, prior, find)
         if fitted.undetermined and stage is not method.stages[-1]:
             combined = sorted(j for group in fitted.undetermined for j in group.joints)
             raise UnsupportedMethodError(
@@ -243,9 +256,9 @@ def fit_method(
                 remedy="use method partial_pose, or add postures and load directions",
             )
         compliance[joints] = free[joints] = fitted.solution.compliance
-        held = fitted.solution.active.any() or fitted.tied.any()
-        if held or (free[known] != compliance[known]).any():
-            free[joints] = fitted.unconstrained(z - by_known @ free[known])
+        constrained = fitted.solution.active.any() or fitted.tied.any()
+        if constrained or (free[known] != compliance[known]).any():
+            free[joints] = fitted.estimate_without_constraints(z - by_known @ free[known])
         fits[number] = fitted
     return _combine_stages(triangles, fits, compliance, free)
 
@@ -286,8 +299,8 @@ def _combine_stages(
     if len(triangles.stages) == 1 and triangles.spreads is None and stages:
         rows = stages[0].spectrum.determined
     elif undetermined:
-        seen = block_diag(*(stage.spectrum.seen for stage in stages))
-        rows = rows_of(seen @ part @ seen.T) @ seen
+        determined = block_diag(*(stage.spectrum.seen for stage in stages))
+        rows = invert_to_root(determined @ part @ determined.T) @ determined
     return Fit(
         compliance,
         active,
@@ -302,10 +315,10 @@ def _combine_stages(
 
 
 def _compute_covariance(triangles: MethodTriangles, fits: dict[int, StageFit]) -> FloatArray:
-    """Return the exact covariance (n, n) of all stages: ĉ = H d, hence H Σ Hᵀ (method.md §4).
+    """Return the exact covariance (n, n) of the unconstrained estimate, in units of sigma² (method.md §4).
 
-    With ĉ_w = L (d − A_a ĉ_a) it is, for the wrist, L Σ Lᵀ less the correlation of the two stages, plus
-    L A_a cov(ĉ_a) (L A_a)ᵀ.
+    An estimate ĉ = H d has the covariance H Σ Hᵀ. The wrist's estimate is ĉ_w = L (d − A_a ĉ_a), with ĉ_a the
+    arm's; its covariance is L Σ Lᵀ, less the correlation of the two stages, plus L A_a cov(ĉ_a) (L A_a)ᵀ.
     """
     n = len(triangles.cross)
     covariance = np.zeros((n, n))
@@ -322,15 +335,15 @@ def _compute_covariance(triangles: MethodTriangles, fits: dict[int, StageFit]) -
         shared = (inverse @ inverse.T) @ triangles.cross[np.ix_(wrist.joints, arm.joints)]
         shared = shared @ (arm.spectrum.inverse @ arm.spectrum.inverse.T)  # cov(L d, ĉ_a)
         of_arm = covariance[np.ix_(arm.joints, arm.joints)]
-        both = shared @ leak.T
-        covariance[np.ix_(wrist.joints, wrist.joints)] += leak @ of_arm @ leak.T - both - both.T
+        correlation = shared @ leak.T
+        covariance[np.ix_(wrist.joints, wrist.joints)] += leak @ of_arm @ leak.T - correlation - correlation.T
         covariance[np.ix_(wrist.joints, arm.joints)] = shared - leak @ of_arm
         covariance[np.ix_(arm.joints, wrist.joints)] = covariance[np.ix_(wrist.joints, arm.joints)].T
     return covariance
 
 
 def student_quantile(probability: float, degrees_of_freedom: float | None) -> float:
-    """Return the quantile of Student's distribution; of the normal distribution if the freedom is None."""
+    """Return a quantile of Student's distribution, or of the normal one if `degrees_of_freedom` is None."""
     if degrees_of_freedom is None:
         return float(special.ndtri(probability))
     return float(special.stdtrit(degrees_of_freedom, probability))
@@ -348,9 +361,9 @@ class Scale:
     degrees_of_freedom: float  #: expectation of chi_square where model and sigma are right
 
     def quantile(self, probability: float) -> float:
-        """Return the quantile of the estimate's error over its standard uncertainty.
+        """Return a quantile of the distribution of the estimate's error over its standard uncertainty.
 
-        It is normal, or Student's where sigma was estimated from the residuals.
+        The distribution is normal, or Student's where sigma was estimated from the residuals.
         """
         return student_quantile(probability, None if self.given else self.degrees_of_freedom)
 
@@ -359,7 +372,7 @@ def estimate_scale(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
     """Return sigma, the chi-square of the targets' residuals, and its degrees of freedom.
 
     For any linear unbiased ĉ of covariance C, ``E[χ²] = rows − 2 p + tr(AᵀΣ⁻¹A C)``, which is rows − p for
-    weighted least squares; so all methods are judged on the same readings. With a prior, p is the number of
+    weighted least squares; so all methods get sigma from the same readings. With a prior, p is the number of
     parameters that the readings, not the prior, determine.
 
     Args:
@@ -390,7 +403,7 @@ class SigmaTest:
 
 
 def sigma_test(chi_square: float, degrees_of_freedom: float) -> SigmaTest | None:
-    """Test a stated sigma against the residuals, two-sided; None where there are no degrees of freedom."""
+    """Test a stated sigma against the residuals, two-sided; None without degrees of freedom."""
     if degrees_of_freedom < _LEAST_FREEDOM:
         return None
     tails = special.chdtr(degrees_of_freedom, chi_square), special.chdtrc(degrees_of_freedom, chi_square)
@@ -491,7 +504,9 @@ class RobustFit:
 
     @property
     def inflation(self) -> float:
-        """Ratio ≥ 1: variance of the Huber estimate over that of least squares with these weights as given.
+        """Factor ≥ 1 on the covariance of weighted least squares that gives that of the Huber estimate.
+
+        The factor accounts for the weights coming from the same readings.
 
         Huber's asymptotic ``a / b²`` relative to ``1 / mean(w)`` (*Robust Statistics*, 1981, §7.6): a is the
         mean of ``(w ‖r‖)²`` per coordinate, b the mean derivative of ``w r``. That derivative is 1 below the
@@ -516,7 +531,7 @@ class RobustFit:
 
 @dataclass(frozen=True, eq=False)
 class _HuberProblem:
-    """Fit with the Huber loss as data; in units of the threshold the loss ρ turns linear at 1."""
+    """Data of a fit with the Huber loss, in units of the threshold: the loss ρ is linear beyond 1."""
 
     rows: FloatArray  # (K, 3, p + 1) [A d] of the K readings of targets
     squared: FloatArray  # (q, p + 1) [S t] of rows whose loss stays squared
@@ -538,19 +553,19 @@ class _HuberProblem:
         return float(np.where(norm <= 1.0, 0.5 * norm**2, norm - 0.5).sum() + 0.5 * (squared @ squared))
 
     def state_problem(self, spectrum: Spectrum, z: FloatArray) -> IdentificationProblem:
-        """Return the problem: least squares with readings z (m,) under the constraints."""
+        """Return the least-squares problem of decomposed rows and readings z (m,) under the constraints."""
         return IdentificationProblem(
             spectrum.determined, z, self.constraints.bounds, self.constraints.inequalities
         )
 
     def state_weighted(self, weight: FloatArray) -> IdentificationProblem:
-        """Return the weighted least-squares problem for weights (K,) of the readings."""
+        """Return the least-squares problem with weights (K,) of the targets, under the constraints."""
         rows = (np.sqrt(weight)[:, None, None] * self.rows).reshape(-1, self.rows.shape[2])
-        R = triangle_of(np.vstack([rows, self.squared]))
+        R = compute_triangular_factor(np.vstack([rows, self.squared]))
         return self.state_problem(Spectrum(R[:, :-1]), R[:, -1])
 
     def state_unweighted(self) -> IdentificationProblem:
-        """Return the same problem with the squared loss: all weights are 1."""
+        """Return the problem with squared instead of Huber loss: least squares with all weights 1."""
         return self.state_weighted(np.ones(len(self.rows)))
 
     def minimise_model(self, c: FloatArray, damping: float) -> tuple[FloatArray, Certificate]:
@@ -567,7 +582,7 @@ class _HuberProblem:
         along = np.where(norm > 1.0, 1.0 - np.sqrt(damping), 0.0)
         curved = A - along[:, None, None] * u[..., None] * (u[:, None] @ A)
         weighted = (np.sqrt(weight)[:, None, None] * curved).reshape(-1, len(c))
-        R = triangle_of(np.vstack([weighted, S]))
+        R = compute_triangular_factor(np.vstack([weighted, S]))
         gradient = S.T @ (S @ c - self.squared[:, -1])
         gradient -= np.einsum("kij,ki->j", A, weight[:, None] * residual)
         spectrum = Spectrum(R)
@@ -575,8 +590,11 @@ class _HuberProblem:
         return solution.compliance, solution.certificate
 
     def certificate(self, c: FloatArray, solved_by: SupportFinder) -> Certificate:
-        """Return the certificate of c (p,): least squares with the weights at c has the Huber optimum."""
-        scaled = Scaled.of(self.state_weighted(_huber_weights(self.residuals_at(c)[1])))
+        """Return the certificate of a point c (p,) as the Huber optimum.
+
+        The certificate is that of weighted least squares with the weights at c, which has the Huber optimum.
+        """
+        scaled = Scaled.from_problem(self.state_weighted(_huber_weights(self.residuals_at(c)[1])))
         return certify(scaled, c / scaled.unit, solved_by)
 
 
@@ -637,28 +655,33 @@ def _huber_weights(norm: FloatArray) -> FloatArray:
 def _minimise_huber_loss(problem: _HuberProblem) -> tuple[FloatArray, Certificate]:
     """Return the optimum (p,) of the Huber problem and its certificate: Clarabel's point, refined by Newton.
 
-    With more than `MOST_STATED` readings the rounds start from least squares, with full damping: that is
-    faster than Clarabel.
+    With more than `MOST_STATED` readings the rounds start from least squares, with full damping, because
+    that is faster than Clarabel.
+
+    Raises:
+        SolverError: no certified optimum after `MOST_ROUNDS` rounds.
     """
-    stated = None
+    clarabel_point = None
     if len(problem.rows) <= MOST_STATED:
         from jointstiff.solver.estimation import convex  # takes a second to import
 
         (A, d), (S, t) = ((rows[..., :-1], rows[..., -1]) for rows in (problem.rows, problem.squared))
-        stated = convex.solve_huber(A, d, S, t, problem.state_unweighted())
-    compliance = solve_step(problem.state_unweighted()).compliance if stated is None else stated
-    damping = 1.0 if stated is None else _LEAST_DAMPING
+        clarabel_point = convex.solve_huber(A, d, S, t, problem.state_unweighted())
+    compliance = (
+        solve_step(problem.state_unweighted()).compliance if clarabel_point is None else clarabel_point
+    )
+    damping = 1.0 if clarabel_point is None else _LEAST_DAMPING
     objective = problem.objective(compliance)
     for _ in range(MOST_ROUNDS):
-        proposed, solver = problem.minimise_model(compliance, damping)
+        proposed, model_certificate = problem.minimise_model(compliance, damping)
         value = problem.objective(proposed)
         if value > objective * (1.0 + _NO_DESCENT) and damping < 1.0:
             damping = 1.0
             continue
         compliance, objective = proposed, value
         damping = max(0.1 * damping, _LEAST_DAMPING)
-        same = stated is not None and np.array_equal(stated == 0.0, compliance == 0.0)
-        certificate = problem.certificate(compliance, "clarabel" if same else solver.solved_by)
+        same = clarabel_point is not None and np.array_equal(clarabel_point == 0.0, compliance == 0.0)
+        certificate = problem.certificate(compliance, "clarabel" if same else model_certificate.solved_by)
         if certificate.is_optimal():
             return compliance, certificate
     raise SolverError(

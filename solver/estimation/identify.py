@@ -35,12 +35,12 @@ from jointstiff.solver.mechanics.terms import TERMS
 MAX_ITERATIONS: Final = 20
 """Maximum number of fits with K_c: each shrinks the change by the ratio of K_c to the joint stiffness,
 typically 1/1000."""
-_STILL: Final = 1e-10
+_CHANGE_TOLERANCE: Final = 1e-10
 """Largest expected relative change of the compliances by further fits at which the iteration ends."""
-_FAR_BELOW: Final = 1e-4
+_CHANGE_IN_UNCERTAINTIES: Final = 1e-4
 """Largest such change in standard uncertainties, sigma being from the residuals; for readings without noise
-the uncertainty is zero, and `_STILL` decides."""
-_SHRINKS: Final = 1e-3
+the uncertainty is zero, and `_CHANGE_TOLERANCE` decides."""
+_LEAST_SHRINKAGE: Final = 1e-3
 """Least factor by which a fit is assumed to shrink the change: the ratio of K_c to the joint stiffness."""
 SHIFT_OBSERVATIONS: Final = 4096
 """Maximum number of observations from which the effect of neglecting K_c is estimated."""
@@ -67,8 +67,8 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
         for block in regressor_blocks(robot, measurements):
             excitation.add(block)
         null = _require_observable(excitation).null
-        of_unit_length = Method(robot, settings, 1.0)
-        length = find_length_of_least_condition(of_unit_length, regressor_blocks(robot, measurements), null)
+        with_unit_length = Method(robot, settings, 1.0)
+        length = find_length_of_least_condition(with_unit_length, regressor_blocks(robot, measurements), null)
     method = Method(robot, settings, length)
     first = last = _fit_once(robot, measurements, settings, method)
     iterations = 0
@@ -79,19 +79,19 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
         shift: FloatArray | None = last.fit.compliance - first.fit.compliance
     else:
         shift = _estimate_neglected_shift(robot, first, settings.prior, estimate.sigma)
-    known = estimate.estimated
+    estimated = estimate.estimated
     ratios = np.abs(estimate.compliance)[:, None] * first.largest_stiffness
-    size = ComplementaryStiffness(
+    effect = ComplementaryStiffness(
         included=settings.complementary_stiffness,
         iterations=iterations,
-        largest_ratio=float(ratios[np.ix_(known, known)].max(initial=0.0)),
+        largest_ratio=float(ratios[np.ix_(estimated, estimated)].max(initial=0.0)),
         largest_shift=_largest_standardised_shift(shift, estimate),
         shift=shift,
     )
-    return replace(estimate, complementary_stiffness=size)
+    return replace(estimate, complementary_stiffness=effect)
 
 
-def identify_balanced(
+def identify_with_fallback(
     robot: Robot, measurements: Measurements, settings: Settings
 ) -> tuple[Settings, Estimate]:
     """Identify the compliances; if that fails with the complementary stiffness K_c, identify without K_c.
@@ -103,7 +103,7 @@ def identify_balanced(
         The settings that were used, and the estimate.
 
     Raises:
-        JointstiffError: as `identify`.
+        JointstiffError: the identification fails for another reason than K_c.
     """
     try:
         return settings, identify(robot, measurements, settings)
@@ -173,7 +173,7 @@ class _Pass:
 
     def noise(self) -> float:
         """Return sigma estimated from the residuals [m]; zero without degrees of freedom."""
-        return estimate_scale(self.fit, self.triangles.judged, None).sigma or 0.0
+        return estimate_scale(self.fit, self.triangles.all_readings, None).sigma or 0.0
 
 
 def _fit_once(
@@ -183,7 +183,10 @@ def _fit_once(
     method: Method,
     before: _Pass | None = None,
 ) -> _Pass:
-    """Fit all observations once, bent by the compliances of the pass before; None neglects K_c."""
+    """Fit all observations once.
+
+    With K_c the robot is bent by the compliances of the fit `before`; None for the first fit, without K_c.
+    """
     compliance = None if before is None else before.fit.compliance
     excitation, triangles = Excitation(robot.joint_kinds), MethodTriangles(method)
     targets = TargetRows(robot.n) if settings.loss == "huber" else None
@@ -207,13 +210,13 @@ def _fit_once(
         sigma, measurements = robust.sigma, robust.weigh(measurements)
         for block in regressor_blocks(robot, measurements, compliance):
             triangles.add(block)
-    # Each cause's unknown that was fitted before uses up one degree of freedom.
-    triangles.judged.rows -= fitted_errors(measurements).determined
+    # Each unknown of a cause that was fitted to the readings before uses up one degree of freedom.
+    triangles.all_readings.rows -= fitted_errors(measurements).determined
     find = solve_step if before is None and settings.complementary_stiffness else solve
     fit = fit_method(triangles, observability.null, settings.constraints, find=find)
     if settings.prior is not None:
         # A prior's weight is sigma/s₀; a sigma that is not given is estimated from the readings alone.
-        sigma = estimate_scale(fit, triangles.judged, sigma).sigma
+        sigma = estimate_scale(fit, triangles.all_readings, sigma).sigma
         if not sigma:
             raise UnsupportedMethodError(
                 "weighting a prior needs sigma, which is not given and cannot be estimated from these "
@@ -227,7 +230,7 @@ def _fit_once(
 
 
 def _require_observable(excitation: Excitation) -> Observability:
-    """Return which joints the readings see.
+    """Return the observability of the joints; refuse readings that determine no joint.
 
     Raises:
         NotObservableError: no target moved, or the readings determine no joint.
@@ -252,7 +255,7 @@ def _require_observable(excitation: Excitation) -> Observability:
 def _iterate_to_convergence(
     robot: Robot, measurements: Measurements, settings: Settings, first: _Pass
 ) -> tuple[_Pass, int]:
-    """Repeat the fit with K_c until the compliances that bend the robot equal the fitted compliances.
+    """Repeat the fit with K_c until the fitted compliances equal those with which the robot was bent.
 
     The iteration starts from a first-order estimate of the effect of K_c, so that with noisy readings a
     single fit suffices.
@@ -274,7 +277,10 @@ def _iterate_to_convergence(
         change = np.abs(last.fit.compliance - current.fit.compliance)
         size = np.maximum(np.abs(last.fit.compliance), reference)
         uncertainty = last.noise() * np.sqrt(np.diagonal(last.fit.covariance))
-        if (change * max(shrinks, _SHRINKS) <= np.maximum(_STILL * size, _FAR_BELOW * uncertainty)).all():
+        if (
+            change * max(shrinks, _LEAST_SHRINKAGE)
+            <= np.maximum(_CHANGE_TOLERANCE * size, _CHANGE_IN_UNCERTAINTIES * uncertainty)
+        ).all():
             return last, rounds
         current = last
     raise SolverError(
@@ -295,11 +301,11 @@ def _estimate_neglected_shift(
     scaled up to the whole set; where loads in all directions cancel, this overstates the change. A prior is
     included where sigma [m] is known.
     """
-    fit, part = neglected.fit, neglected.measurements.evenly(SHIFT_OBSERVATIONS)
+    fit, part = neglected.fit, neglected.measurements.select_evenly(SHIFT_OBSERVATIONS)
     times = len(neglected.measurements) / len(part)
     estimated = np.flatnonzero(~neglected.observability.null & (fit.active == 0))
     prior = prior.in_units_of(sigma) if prior and sigma else None
-    responses = neglected.triangles.responses(
+    responses = neglected.triangles.compute_responses(
         regressor_blocks(robot, part), [NEGLECTED_STIFFNESS], fit.compliance, estimated, prior
     )
     return -responses[NEGLECTED_STIFFNESS.name][:, 0] * times
@@ -310,15 +316,15 @@ def _build_estimate(robot: Robot, measurements: Measurements, settings: Settings
 
     With the Huber loss, a robust scale replaces a sigma that is unknown.
     """
-    fit, robust, judged = last.fit, last.robust, last.triangles.judged
+    fit, robust, all_readings = last.fit, last.robust, last.triangles.all_readings
     sigma = measurements.sigma if robust is None else robust.sigma
     # With a prior, sigma comes from the fit without the prior, and chi-square from the fit with the prior.
-    scale = estimate_scale(fit if fit.alone is None else fit.alone, judged, sigma)
+    scale = estimate_scale(fit if fit.alone is None else fit.alone, all_readings, sigma)
     if fit.alone is not None:
-        scale = replace(estimate_scale(fit, judged, scale.sigma), given=scale.given)
+        scale = replace(estimate_scale(fit, all_readings, scale.sigma), given=scale.given)
     scale = replace(scale, given=scale.given and measurements.sigma is not None)
     # The weights of the Huber loss come from the residuals, which makes the covariance larger.
-    fit = fit.inflated(1.0 if robust is None else robust.inflation)
+    fit = fit.multiply_covariance(1.0 if robust is None else robust.inflation)
     common = None
     if scale.sigma is not None:
         scale = replace(scale, sigma=max(scale.sigma, _LEAST_SIGMA))
@@ -350,7 +356,7 @@ def _build_estimate(robot: Robot, measurements: Measurements, settings: Settings
         ratios,
     )
     return Estimate(
-        joints=evidence.judge_joints(),
+        joints=evidence.derive_joint_results(),
         compliance=fit.compliance,
         balanced=last.balanced,
         covariance=covariance,
@@ -373,7 +379,7 @@ def _propagate_common_errors(
 ) -> CommonErrors | None:
     """Return changes of the estimate by one standard uncertainty of each error shared by all observations.
 
-    None if no such error has an uncertainty. Sigma [m] is the unit of a prior.
+    The result is None if no such error has an uncertainty. Sigma [m] weighs a prior against the readings.
     """
     common = last.measurements.common_uncertainty
     errors = fitted_errors(last.measurements)
@@ -384,7 +390,7 @@ def _propagate_common_errors(
     terms = [TERMS[name] for name, (_, size) in stated.items() if any(size) and name not in known]
     if not (terms or fitted):
         return None
-    responses = last.triangles.responses(
+    responses = last.triangles.compute_responses(
         blocks,
         [*terms, *fitted],
         last.fit.compliance,
@@ -395,13 +401,13 @@ def _propagate_common_errors(
     for source, size, response in ((*stated[term.name], responses[term.name]) for term in terms):
         by_source[source] = np.resize(size, response.shape[1]) * response
     if fitted:
-        moved = np.hstack([responses[term.name] for term in fitted])
-        by_source["fitted_causes"] = moved @ errors.root
+        changes = np.hstack([responses[term.name] for term in fitted])
+        by_source["fitted_causes"] = changes @ errors.root
     return CommonErrors(by_source)
 
 
 def _compare_prior_to_data(alone: Fit, prior: Prior, sigma: float) -> FloatArray:
-    """Return the ratio (n,) of the prior's information to the readings' for each joint.
+    """Return for each joint the ratio (n,) of the information in its prior to that in the readings.
 
     The ratio is ``s₀⁻² / (sigma² C_jj)⁻¹``; NaN for joints without a prior, and inf where the readings alone
     determine only a combination with other joints.
@@ -424,6 +430,6 @@ def _largest_standardised_shift(shift: FloatArray | None, estimate: Estimate) ->
     variance = np.diagonal(estimate.covariance)
     if estimate.common is not None:
         for source in ("assumed_load_point", "assumed_force_scale"):
-            variance = variance - np.square(estimate.common.of(source)).sum(axis=1)
+            variance = variance - np.square(estimate.common.responses_to(source)).sum(axis=1)
     known = estimate.estimated & (variance > 0.0)
     return float((np.abs(shift[known]) / np.sqrt(variance[known])).max()) if known.any() else None

@@ -14,7 +14,7 @@ from jointstiff.solver.estimation.causes import (
     screen_estimate,
 )
 from jointstiff.solver.estimation.estimate import Estimate
-from jointstiff.solver.estimation.identify import identify_balanced
+from jointstiff.solver.estimation.identify import identify_with_fallback
 from jointstiff.solver.estimation.method import Loss, Settings
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
@@ -39,7 +39,7 @@ class JointsAlone:
         self._by_loss: dict[Loss, JointsAlone] = {stated.loss: self}
 
     def with_loss(self, loss: Loss) -> JointsAlone:
-        """Return the identification with another loss; the same object for the present loss."""
+        """Return the identification of the same measurements with a loss; this object for its own loss."""
         if loss not in self._by_loss:
             stated = replace(self.stated, loss=loss)
             self._by_loss[loss] = JointsAlone(self.robot, self.measurements, stated, self.noticed)
@@ -47,12 +47,16 @@ class JointsAlone:
 
     @cached_property
     def _identified(self) -> tuple[Settings, Estimate]:
-        """Settings that were used, and the estimate."""
-        return identify_balanced(self.robot, self.measurements, self.stated)
+        """Settings with which the fit succeeded, and the estimate."""
+        return identify_with_fallback(self.robot, self.measurements, self.stated)
 
     @property
     def settings(self) -> Settings:
-        """Settings that were used: those given, or without K_c if K_c failed; raises as `estimate`."""
+        """Settings with which the fit succeeded: without K_c if the fit with K_c failed.
+
+        Raises:
+            JointstiffError: the identification fails.
+        """
         return self._identified[0]
 
     @property
@@ -60,22 +64,26 @@ class JointsAlone:
         """Estimated compliances with uncertainties and certificates.
 
         Raises:
-            JointstiffError: as `jointstiff.solver.estimation.identify.identify`.
+            JointstiffError: the identification fails, for one of the reasons listed at `identify`.
         """
         return self._identified[1]
 
     @cached_property
     def screening(self) -> Screening:
-        """Tests for causes of what the joints leave unexplained; raises as `estimate`."""
+        """Tests for causes of the deflections that the joints do not explain.
+
+        Raises:
+            JointstiffError: the identification fails.
+        """
         return screen_estimate(self.robot, self.measurements, self.estimate)
 
     @cached_property
     def _alternative(self) -> BetterAlternative | None:
-        """Mistake that would explain the readings far better; None if no mistake does."""
+        """Mistake in the data whose correction explains the readings far better; None if no mistake does."""
         return find_better_alternative(self.robot, self.measurements)
 
     def find_gross_mistake(self, estimate: Estimate) -> BetterAlternative | None:
-        """Return the mistake in the data that would explain the readings far better; None if there is none.
+        """Return the mistake whose correction explains the readings far better; None if no mistake does.
 
         If the estimate's residuals are within the stated noise, no mistake is sought.
         """
@@ -83,13 +91,13 @@ class JointsAlone:
 
     @property
     def are_sound(self) -> bool:
-        """True if no gross mistake was found; with one, tests of smaller effects mean nothing."""
+        """True if no gross mistake was found in the data: only then are tests of smaller effects valid."""
         if any(finding.weight == "do_not_use" for finding in self.noticed):
             return False
         return self.find_gross_mistake(self.estimate) is None
 
 
 def residuals_within_noise(estimate: Estimate) -> bool:
-    """Return whether sigma was stated and the residuals are not larger than sigma predicts."""
+    """Return whether sigma was stated, and the residuals are not larger than sigma predicts."""
     test = estimate.sigma_test
     return test is not None and test.result != "residuals_too_large"

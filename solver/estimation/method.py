@@ -72,7 +72,7 @@ class Prior:
         return np.isfinite(self.mean)
 
     def in_units_of(self, sigma: float) -> Prior:
-        """Return the prior with uncertainties divided by sigma, that of one coordinate of one reading [m]."""
+        """Return the prior with uncertainties divided by sigma, the uncertainty of one coordinate [m]."""
         return Prior(self.mean, self.standard_uncertainty / sigma)
 
     def rows(self, joints: IndexArray) -> tuple[FloatArray, FloatArray]:
@@ -104,8 +104,8 @@ class Settings:
     complementary_stiffness: bool = False  #: whether K_c is part of the model (method.md §2)
 
     @classmethod
-    def of(cls, options: RunOptions, robot: Robot) -> Settings:
-        """Return the settings of a run's options, with stiffnesses converted to compliances.
+    def from_options(cls, options: RunOptions, robot: Robot) -> Settings:
+        """Convert the options of a run into settings; stiffnesses become compliances.
 
         Raises:
             RequestError: an option names a joint that the robot does not have, or the order of the joints
@@ -135,7 +135,7 @@ class Settings:
             huber_threshold=options.huber_threshold or DEFAULT_THRESHOLD,
             complementary_stiffness=options.complementary_stiffness == "included",
         )
-        _ = settings.constraints  # refuses contradictions before any work is done
+        _ = settings.constraints  # raises RequestError for contradictions before any work is done
         return settings
 
     @cached_property
@@ -162,7 +162,10 @@ def _bounds_from_options(options: RunOptions, robot: Robot, order: Order) -> Bou
 
 
 def _prior_from_options(options: RunOptions, robot: Robot) -> Prior | None:
-    """Return the prior of the compliances, to first order: c₀ = 1/k₀ and s₀ = u(k₀)/k₀²; None without one."""
+    """Return the prior of the compliances that priors of the stiffnesses imply; None without `priors`.
+
+    To first order, a stiffness k₀ with uncertainty u(k₀) gives c₀ = 1/k₀ and s₀ = u(k₀)/k₀².
+    """
     if not options.priors:
         return None
     mean, uncertainty = np.full(robot.n, np.nan), np.full(robot.n, np.inf)
@@ -199,7 +202,7 @@ class StageRows:
 
 
 class Method:
-    """A method with its weighting, as linear maps of whitened readings."""
+    """A method with its weighting, as linear maps N of the whitened rows of the readings."""
 
     def __init__(self, robot: Robot, settings: Settings, length: float | None) -> None:
         """Choose the stages.
@@ -229,7 +232,7 @@ class Method:
 
     @property
     def is_plain(self) -> bool:
-        """True if the method fits the whitened readings themselves, without a linear map."""
+        """True if the method fits the whitened rows of the readings directly, without a linear map."""
         return self.by_covariance and self.name == "partial_pose"
 
     def rows(self, block: RegressorBlock, whitened: Rows) -> Iterator[StageRows]:
@@ -259,10 +262,10 @@ class Method:
             yield StageRows(fitted, spread)
 
     def _stage_maps(self, block: RegressorBlock) -> list[tuple[FloatArray | None, FloatArray | None]]:
-        """Return for each stage the linear map N of the whitened rows, as a pair with one None at least.
+        """Return for each stage the linear map N of the whitened rows, as a pair of arrays or None.
 
-        The first of the pair maps whole observations (B, m, 3 T), the second single targets (B, T, 3, 3); two
-        None mean the identity.
+        The first array (B, m, 3 T) maps the rows of whole observations, the second (B, T, 3, 3) the rows of
+        single targets. At least one of them is None; if both are, N is the identity.
         """
         part = block.measurements
         by_target = None
@@ -296,8 +299,8 @@ class MethodTriangles:
 
     Attributes:
         method: the method with its stages.
-        judged: triangle of all readings, weighted by covariance. Residuals, sigma and degrees of freedom are
-            computed on this triangle, whatever the method fits.
+        all_readings: triangle of all readings, weighted by covariance. Residuals, sigma and degrees of
+            freedom are computed on this triangle, whatever the method fits.
         stages: triangle of each stage.
         spreads: triangle of the spread of each stage; None where the rows are weighted by covariance.
         cross: (n, n) weighted covariance between the readings of the two stages: ``A₂ᵀΩ₂ Σ Ω₁A₁``.
@@ -309,8 +312,8 @@ class MethodTriangles:
         """Start without observations."""
         n = len(method.joint_names)
         self.method = method
-        self.judged = Triangle(joints=n)
-        self.stages = [self.judged] if method.is_plain else [Triangle(joints=n) for _ in method.stages]
+        self.all_readings = Triangle(joints=n)
+        self.stages = [self.all_readings] if method.is_plain else [Triangle(joints=n) for _ in method.stages]
         self.spreads = None if method.by_covariance else [Triangle(joints=n) for _ in method.stages]
         self.cross: FloatArray = np.zeros((n, n))
         self.seen_from_centre = Excitation(method.joint_kinds)
@@ -319,9 +322,9 @@ class MethodTriangles:
         """Add the rows of a block of observations to all triangles."""
         part = block.measurements
         whitened = whitened_rows(block, [JOINTS], np.zeros(block.robot.n))
-        self.judged.add(whitened.targets, count=int(part.coordinates.sum()))
+        self.all_readings.add(whitened.targets, count=int(part.coordinates.sum()))
         if part.encoders is not None and whitened.encoders is not None:
-            self.judged.add(whitened.encoders, count=int(part.encoders.present.sum()))
+            self.all_readings.add(whitened.encoders, count=int(part.encoders.present.sum()))
         if self.method.is_plain:
             return
         spreads = []
@@ -337,7 +340,7 @@ class MethodTriangles:
             jacobian = block.postures.jacobian_at(points)
             self.seen_from_centre.add_seen_from(block, jacobian, np.ones((len(points), 1), dtype=bool))
 
-    def responses(
+    def compute_responses(
         self,
         blocks: Iterable[RegressorBlock],
         terms: Sequence[Term],
@@ -345,9 +348,9 @@ class MethodTriangles:
         joints: IndexArray,
         prior: Prior | None = None,
     ) -> dict[str, FloatArray]:
-        """Return the bias of the estimate by one unit of each unknown of terms that the fit neglects.
+        """Compute the bias of the estimate that one unit of each unknown of neglected terms causes.
 
-        The estimator H is linear without bounds, so the bias is ``H A_term``.
+        Without bounds the estimate is linear, ĉ = H d, so the bias is ``H A_term``.
 
         Args:
             blocks: the observations that were added.
@@ -357,8 +360,8 @@ class MethodTriangles:
             prior: prior of the fit.
 
         Returns:
-            For each term's name the bias (n, k) by its k unknowns [rad/(N·m) per unit]; zero for joints that
-            are not estimated.
+            For each term's name the bias (n, k) that its k unknowns cause [rad/(N·m) per unit]; zero for
+            joints that are not estimated.
         """
         n = len(self.method.joint_names)
         moments: list[FloatArray | float] = [0.0] * len(self.stages)
@@ -367,16 +370,16 @@ class MethodTriangles:
             for s, rows in enumerate(self.method.rows(block, whitened)):
                 flat = rows.fitted.reshape(-1, rows.fitted.shape[-1])
                 moments[s] = moments[s] + flat[:, :n].T @ flat[:, n:-1]
-        out = np.zeros(np.shape(moments[0]))
+        bias = np.zeros(np.shape(moments[0]))
         for stage, triangle, moment in zip(self.method.stages, self.stages, moments, strict=True):
             own, known = np.intersect1d(stage.joints, joints), np.intersect1d(stage.known, joints)
-            rows_of = triangle.matrix
-            left = np.asarray(moment)[own] - rows_of[:, own].T @ (rows_of[:, known] @ out[known])
-            together = rows_of[:, own] if prior is None else np.vstack([rows_of[:, own], prior.rows(own)[0]])
-            inverse = Spectrum(together).inverse
-            out[own] = inverse @ (inverse.T @ left)
+            matrix = triangle.matrix
+            remaining = np.asarray(moment)[own] - matrix[:, own].T @ (matrix[:, known] @ bias[known])
+            with_prior = matrix[:, own] if prior is None else np.vstack([matrix[:, own], prior.rows(own)[0]])
+            inverse = Spectrum(with_prior).inverse
+            bias[own] = inverse @ (inverse.T @ remaining)
         ends = np.cumsum([whitened.widths[term.name] for term in terms])[:-1]
-        return dict(zip((term.name for term in terms), np.split(out, ends, axis=1), strict=True))
+        return dict(zip((term.name for term in terms), np.split(bias, ends, axis=1), strict=True))
 
 
 def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -408,7 +411,7 @@ def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArra
             remedy="use method partial_pose, or place the three targets so that they form a triangle",
         )
     W = np.where(present[..., None], whitener(part.covariance), 0.0)
-    G = part.shown(np.concatenate([np.broadcast_to(np.eye(3), W.shape), -skew(arm)], axis=-1))
+    G = part.project_on_directions(np.concatenate([np.broadcast_to(np.eye(3), W.shape), -skew(arm)], axis=-1))
     Q, R = np.linalg.qr((W @ G).reshape(len(arm), -1, 6))
     return Q, R, reference
 
@@ -457,11 +460,11 @@ def find_spherical_wrist(robot: Robot) -> Wrist:
 def find_length_of_least_condition(
     method: Method, blocks: Iterable[RegressorBlock], null: BoolArray
 ) -> float:
-    """Return the length L that minimises the condition number of the rows [A_v / L; A_ω] (Khan & Angeles).
+    """Return the length L [m] that minimises the condition number of the rows [A_v / L; A_ω].
 
-    This weighting is the baseline of the paper (method.md §3). Columns are first scaled to unit norm, as for
-    the solution: otherwise the spread of the torques between arm and wrist dominates, and the least condition
-    number is at an infinite length.
+    A_v are the rows of displacements, A_ω those of rotations (Khan & Angeles; method.md §3). Columns are
+    first scaled to unit norm, as for the solution: otherwise the spread of the torques between arm and wrist
+    dominates, and the least condition number is at an infinite length.
 
     Args:
         method: complete pose with a length of 1 m.

@@ -26,11 +26,11 @@ the square of its inverse, which covariances hold, would drown in rounding.
 HARD_TO_TELL = 100.0
 """Condition number above which results are unreliable (Schröer et al. 1992, as quoted by
 Nahvi & Hollerbach 1996)."""
-_PARTICIPATES = 1e-6
+_INVOLVED_PART = 1e-6
 """Component of a unit vector in a null space above which a joint belongs to a combination."""
-_MATTERS = 0.1
+_RELEVANT_PART = 0.1
 """Coefficient, relative to the largest one, below which a joint is not mentioned."""
-_UNSPOKEN = 0.005
+_NOT_PRINTED = 0.005
 """Coefficient below which a joint is left out of a printed sum."""
 
 
@@ -52,7 +52,7 @@ class Combination:
         return " and ".join(_sum_in_words(row, self.joints, names) for row in self.seen)
 
     def reason(self, names: tuple[str, ...]) -> str:
-        """Return why these joints have no stiffness, with the remedy; `names` are those of all joints."""
+        """Return why these joints have no stiffness, with a remedy; `names` has the names of all joints."""
         together = ", ".join(names[joint] for joint in self.joints)
         return (
             f"only a combination of {together} is observable, {self.in_words(names)}: add postures in "
@@ -72,7 +72,7 @@ class WeakDirection:
     attenuation: float
 
     def in_words(self, names: tuple[str, ...]) -> str:
-        """Return a sentence: which joints are hard to distinguish; `names` are those of all joints."""
+        """Return a sentence on joints that are hard to distinguish; `names` are the names of all joints."""
         together = ", ".join(names[joint] for joint in self.joints)
         change = " : ".join(f"{part:+.2g}" for part in self.change)
         return (
@@ -95,7 +95,7 @@ def split_null_space(
     if not len(null_space):
         return ()
     # The projector onto the null space does not depend on the basis, and is block diagonal over the groups.
-    linked = np.abs(null_space.T @ null_space) > _PARTICIPATES
+    linked = np.abs(null_space.T @ null_space) > _INVOLVED_PART
     _, labels = connected_components(coo_array(linked), directed=False)
     involved = linked.diagonal()
     groups = [np.flatnonzero((labels == label) & involved) for label in np.unique(labels[involved])]
@@ -105,7 +105,7 @@ def split_null_space(
 def _describe_combination(
     null_space: FloatArray, scale: FloatArray, group: IndexArray, columns: IndexArray
 ) -> Combination:
-    """Return a group of joints with the sums of their compliances that the readings determine.
+    """Return a group of joints with the weighted sums of their compliances that the readings determine.
 
     A sum w is determined if no null direction changes it. With the null directions ν (k, m) and k joints f
     chosen, ``w = e_i + Σ_f w_f e_f`` and ``ν w = 0`` give ``w_f = −ν_f⁻¹ ν_i`` for each other joint i.
@@ -118,24 +118,24 @@ def _describe_combination(
     rest, pivots = null, list[int]()
     for _ in range(len(null)):
         norms = np.linalg.norm(rest, axis=0)
-        last = int(np.flatnonzero(norms > _MATTERS * norms.max())[-1])
+        last = int(np.flatnonzero(norms > _RELEVANT_PART * norms.max())[-1])
         along = rest[:, last] / norms[last]
         rest = rest - np.outer(along, along @ rest)
         pivots.append(last)
     free = sorted(pivots)
-    bound = np.setdiff1d(np.arange(len(group)), free)
+    others = np.setdiff1d(np.arange(len(group)), free)
     null = null / scale[group]  # from columns of unit norm to the compliances themselves
-    seen = np.zeros((len(bound), len(group)))
-    seen[np.arange(len(bound)), bound] = 1.0
-    seen[:, free] = -np.linalg.solve(null[:, free], null[:, bound]).T
-    return Combination(tuple(int(columns[i]) for i in group), seen)
+    sums = np.zeros((len(others), len(group)))
+    sums[np.arange(len(others)), others] = 1.0
+    sums[:, free] = -np.linalg.solve(null[:, free], null[:, others]).T
+    return Combination(tuple(int(columns[i]) for i in group), sums)
 
 
 def _sum_in_words(row: FloatArray, joints: tuple[int, ...], names: tuple[str, ...]) -> str:
     """Return a weighted sum of compliances as text, such as ``c(joint_4) + 0.8 c(joint_6)``."""
     words = ""
     for part, joint in zip(row.tolist(), joints, strict=True):
-        if abs(part) < _UNSPOKEN:
+        if abs(part) < _NOT_PRINTED:
             continue
         size = f"{abs(part):.2g}"
         sign = "-" if part < 0 else "+" if words else ""
@@ -180,13 +180,13 @@ class Excitation:
         self._deflection = 0.0
 
     def add(self, block: RegressorBlock) -> None:
-        """Add a block of observations, with the block's targets as the points whose motion is seen."""
+        """Add a block of observations, in which the targets show the motion of the joints."""
         self.add_seen_from(block, block.jacobian, block.measurements.present)
 
     def add_seen_from(self, block: RegressorBlock, jacobian: FloatArray, present: BoolArray) -> None:
-        """Add a block of observations, with any points, and the joints' encoders, as what is seen to move.
+        """Add a block of observations, in which any points and the encoders show the motion of the joints.
 
-        An encoder counts like a target at the lever where target and encoder have the same weight.
+        An encoder counts like a target at that distance from the axis at which both have equal weights.
 
         Args:
             block: B observations.
@@ -197,9 +197,9 @@ class Excitation:
         force = np.linalg.norm(part.force, axis=1)[:, None]
         moment = np.linalg.norm(part.moment, axis=1)[:, None]
         lever = np.sqrt(np.einsum("bij,bij->bj", block.load_jacobian, block.load_jacobian))
-        seen = jacobian if present.all() else jacobian * present[..., None, None]
-        seen = seen.reshape(len(seen), -1, seen.shape[-1])
-        motion = np.einsum("bij,bij->bj", seen, seen)
+        jacobians = jacobian if present.all() else jacobian * present[..., None, None]
+        jacobians = jacobians.reshape(len(jacobians), -1, jacobians.shape[-1])
+        motion = np.einsum("bij,bij->bj", jacobians, jacobians)
         if part.encoders is not None:
             motion += part.encoder_lever**2 * part.encoders.present
             self._deflection += float((part.encoder_lever**2 * part.encoders.deflection**2).sum())
@@ -224,13 +224,13 @@ class Excitation:
         return Observability(
             null=null,
             reference_compliance=np.sqrt(self._deflection / potential),
-            reasons=tuple(self._reason(j) if null[j] else None for j in range(len(null))),
+            reasons=tuple(self._explain_no_effect(j) if null[j] else None for j in range(len(null))),
             excitation=np.sqrt(self._column / potential),
             greatest_torque=self._greatest_torque,
             kinds=self._kinds,
         )
 
-    def _reason(self, joint: int) -> str:
+    def _explain_no_effect(self, joint: int) -> str:
         """Return why a joint has no effect on the readings, with a remedy."""
         words = JOINT_UNITS[self._kinds[joint]]
         # A load on the joint's own axis has no lever, so the greatest lever of all joints sets the limit.
@@ -267,9 +267,10 @@ class Spectrum:
         singular_values: (p,) largest first.
         scale: (p,) norms of the columns, 1 where a norm is zero.
         weakest: (p,) singular vector of the least singular value, for columns of unit norm.
-        null_space: (p − rank, p) orthonormal directions without effect on the readings, likewise.
-        determined: (m, p) the regressor without those directions, so that no fit follows rounding
-            along them; the regressor itself where the rank is full.
+        null_space: (p − rank, p) orthonormal directions without effect on the readings, for columns of unit
+            norm.
+        determined: (m, p) the regressor with the directions of `null_space` removed, so that no fit follows
+            rounding; the regressor itself where the rank is full.
         inverse: (p, m) pseudo-inverse of the regressor.
         seen: (rank, p) functions of the compliances that the readings determine, one a row.
     """
@@ -296,7 +297,7 @@ class Spectrum:
 
     def deviation(self, column: int) -> float | None:
         """Return the standard uncertainty of a column's unknown; None where the rows do not determine it."""
-        if (self.null_space[:, column] ** 2).sum() > _PARTICIPATES:
+        if (self.null_space[:, column] ** 2).sum() > _INVOLVED_PART:
             return None
         return float(np.linalg.norm(self.inverse[column]))
 
@@ -313,7 +314,7 @@ def analyse_spectrum(spectrum: Spectrum, columns: IndexArray) -> Identifiability
     condition, weakest = float(singular[0] / singular[-1]) if full else float("inf"), None
     if full and condition > HARD_TO_TELL:
         direction = spectrum.weakest
-        parts = np.flatnonzero(np.abs(direction) > _MATTERS * np.abs(direction).max())
+        parts = np.flatnonzero(np.abs(direction) > _RELEVANT_PART * np.abs(direction).max())
         change = direction[parts] / spectrum.scale[parts]
         # The sign of a singular vector is arbitrary: choose that in which the first joint's part is positive.
         change = change * (np.sign(change[0]) / np.abs(change).max())
@@ -330,12 +331,12 @@ def analyse_spectrum(spectrum: Spectrum, columns: IndexArray) -> Identifiability
 def explain_noise(
     joint: int, names: tuple[str, ...], observability: Observability, uncertainty: float
 ) -> str:
-    """Return a sentence: why noise hides a joint that the readings depend on, with the remedy.
+    """Return a sentence on why noise hides a joint that the readings depend on, with a remedy.
 
     Args:
         joint: index of the joint.
-        names: of the n joints.
-        observability: of the same observations.
+        names: names of the n joints.
+        observability: observability of the joints in the same observations.
         uncertainty: standard uncertainty of the joint's compliance [rad/(N·m)].
     """
     torque, most = observability.greatest_torque, int(np.argmax(observability.greatest_torque))

@@ -45,7 +45,7 @@ class Bounds:
 
     @classmethod
     def unconstrained(cls, n: int) -> Bounds:
-        """Return bounds for n compliances that constrain nothing."""
+        """Return infinite bounds for n compliances: no compliance is constrained."""
         return cls(np.full(n, -np.inf), np.full(n, np.inf))
 
     @classmethod
@@ -54,7 +54,7 @@ class Bounds:
         return cls(np.zeros(n), np.full(n, np.inf))
 
     def select(self, columns: IndexArray) -> Bounds:
-        """Return the bounds of some parameters, given by their indices."""
+        """Return the bounds of the parameters with the indices `columns`."""
         return Bounds(self.lower[columns], self.upper[columns])
 
     def in_units(self, unit: FloatArray) -> Bounds:
@@ -62,7 +62,7 @@ class Bounds:
         return Bounds(self.lower / unit, self.upper / unit)
 
     def support_at(self, x: FloatArray) -> Support:
-        """Return for each entry of x: -1 exactly at the lower bound, 1 at the upper bound, 0 between."""
+        """Return for each entry of x: -1 if equal to the lower bound, 1 if equal to the upper one, else 0."""
         return np.where(x == self.lower, LOWER, np.where(x == self.upper, UPPER, FREE)).astype(np.int8)
 
     def values_at_bounds(self, active: Support) -> FloatArray:
@@ -79,19 +79,19 @@ class Bounds:
 
         Args:
             c: (n,) or (K, n) compliances [rad/(N·m)]; NaN stays NaN.
-            active: of the same shape: -1 at the lower bound, 1 at the upper bound, else 0.
+            active: (n,) or (K, n): -1 at the lower bound, 1 at the upper bound, else 0.
         """
         return np.clip(np.where(active == FREE, c, self.values_at_bounds(active)), self.lower, self.upper)
 
     def pivot(self, active: Support, x: FloatArray, gradient: FloatArray) -> Support:
-        """Return the next support by one round of block principal pivoting (Portugal, Júdice & Vicente 1994).
+        """Return the support after one round of block principal pivoting (Portugal, Júdice & Vicente 1994).
 
         A free parameter outside its bounds goes to the bound; a parameter at a bound is freed if the sign of
         its multiplier is wrong. Rounds may cycle; the certificate of the outcome then detects the failure.
         """
         pull = np.where(active == LOWER, gradient, np.where(active == UPPER, -gradient, 1.0))
-        moved = np.where(pull < 0, FREE, active)
-        return np.where(x < self.lower, LOWER, np.where(x > self.upper, UPPER, moved)).astype(np.int8)
+        freed = np.where(pull < 0, FREE, active)
+        return np.where(x < self.lower, LOWER, np.where(x > self.upper, UPPER, freed)).astype(np.int8)
 
     def gradient_violation(self, x: FloatArray, gradient: FloatArray) -> FloatArray:
         """Return by how much each entry of the gradient violates optimality at x; negative for no violation.
@@ -155,7 +155,7 @@ class Constraints:
         return Inequalities(identity[pairs[:, 1]] - identity[pairs[:, 0]], np.zeros(len(pairs)))
 
     def select(self, columns: IndexArray) -> Constraints:
-        """Return the constraints on some joints (p,), given by ascending indices; others are left out."""
+        """Return the constraints on the joints with indices `columns` (p,), which are ascending."""
         below = self._implied_order()[np.ix_(columns, columns)]
         below &= ~(below @ below)  # drop pairs that follow from other pairs
         order = tuple((int(i), int(j)) for i, j in np.argwhere(below))
@@ -263,7 +263,7 @@ class Scaled:
     unit: FloatArray  #: (n,) units of the variables, ``c = unit · x`` [rad/(N·m)]
 
     @classmethod
-    def of(cls, problem: IdentificationProblem) -> Scaled:
+    def from_problem(cls, problem: IdentificationProblem) -> Scaled:
         """Return a problem scaled so that columns, rows of B and right-hand side have unit norm."""
         size = float(np.linalg.norm(problem.z)) or 1.0
         unit = size / problem.column_norms
@@ -288,7 +288,7 @@ class Scaled:
         )
 
     def gradient(self, x: FloatArray) -> FloatArray:
-        """Return ``Aᵀ(A x − b)`` (n,), half the gradient of the objective."""
+        """Return ``Aᵀ(A x − b)`` (n,), half the gradient of ‖A x − b‖²."""
         return np.asarray(self.A.T @ (self.A @ x - self.b))
 
     def tight_rows(self, x: FloatArray, slack: float = TOLERANCE) -> BoolArray:
@@ -318,7 +318,7 @@ class Scaled:
     def solve_on_support(self, active: Support, near: FloatArray | None = None) -> FloatArray:
         """Return the least-squares point (n,) with all active variables fixed at their bounds.
 
-        Where the optimum is not unique, the point nearest to `near` is returned, or the shortest one if None.
+        Where this point is not unique, the one nearest to `near` is returned; the shortest if `near` is None.
         """
         free = active == FREE
         x = self.bounds.values_at_bounds(active)
@@ -336,10 +336,10 @@ class Scaled:
         """
         x = self.solve_on_support(active)
         for _ in range(MOST_PIVOTS):
-            moved = self.bounds.pivot(active, x, self.gradient(x))
-            if (moved == active).all():
+            pivoted = self.bounds.pivot(active, x, self.gradient(x))
+            if (pivoted == active).all():
                 break
-            active = moved
+            active = pivoted
             x = self.solve_on_support(active)
         return x
 

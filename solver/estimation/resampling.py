@@ -35,7 +35,7 @@ from jointstiff.solver.mechanics.block import regressor_blocks, whitened_rows
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import JOINTS
-from jointstiff.solver.messages import rows
+from jointstiff.solver.messages import build_messages
 
 TILE_RESIDUALS = 2**17
 """Maximum number of residuals per block, 1 MB: they stay in the cache."""
@@ -59,7 +59,11 @@ class StageStack:
     unit: FloatArray  #: (p + q,) unit of the scaled parameters x, ``c = unit · x`` [rad/(N·m)]
 
     def total(self, weights: FloatArray) -> FloatArray:
-        """Return the Gram matrices ``Σ_i w_ki M_iᵀM_i`` (K, p + q + 1, p + q + 1) for weights w (K, N)."""
+        """Return the Gram matrices of K weighted subsets: ``Σ_i w_ki M_iᵀM_i`` (K, p + q + 1, p + q + 1).
+
+        Args:
+            weights: w (K, N), how often each configuration counts in each subset.
+        """
         return np.asarray(np.einsum("kn,nij->kij", weights, self.stack.grams))
 
 
@@ -87,28 +91,28 @@ class MethodStacks:
         Returns:
             (K,) dimensionless; NaN where the compliance of a visible joint is NaN.
         """
-        moved = np.linalg.norm(self.deflection, axis=0).mean()
-        left = np.empty(len(compliance))
+        mean_deflection = np.linalg.norm(self.deflection, axis=0).mean()
+        mean_residual = np.empty(len(compliance))
         step = max(1, TILE_RESIDUALS // self.deflection.size)
-        for first in range(0, len(left), step):
+        for first in range(0, len(mean_residual), step):
             part = compliance[first : first + step, self.visible]
             residual = self.deflection - np.einsum("kv,vim->kim", part, self.regressor)
-            left[first : first + step] = np.sqrt(np.square(residual).sum(axis=1)).mean(axis=1)
-        shares: FloatArray = 1.0 - left / moved
+            mean_residual[first : first + step] = np.sqrt(np.square(residual).sum(axis=1)).mean(axis=1)
+        shares: FloatArray = 1.0 - mean_residual / mean_deflection
         return shares
 
 
-def method_stacks(
+def build_method_stacks(
     robot: Robot, measurements: Measurements, settings: Settings, estimate: Estimate
 ) -> MethodStacks:
-    """Compute the rows of a method on a measurement set, for fits of subsets.
+    """Build the least-squares rows of a method for each configuration, from which any subset is fitted.
 
     Args:
         robot: n joints.
         measurements: N observations.
         settings: method, weighting and K_c are used; other settings are ignored.
-        estimate: of the full set by the same method; gives the characteristic length and the compliances
-            that bend the robot, so that the rows are linear.
+        estimate: estimate from the full set by the same method. The rows are computed at its characteristic
+            length and compliances, so that a fit is linear in the rows.
     """
     method = Method(robot, settings, estimate.characteristic_length)
     excitation = Excitation(robot.joint_kinds)
@@ -120,14 +124,14 @@ def method_stacks(
         present = block.measurements.present
         regressors.append(block.A[present])
         deflections.append(block.measurements.deflection[present])
-    seen = ~excitation.observability().null
-    visible = np.flatnonzero(seen)
+    observable = ~excitation.observability().null
+    visible = np.flatnonzero(observable)
     stages = (
         _build_stage_stack(
-            np.concatenate(rows), stage.joints[seen[stage.joints]], stage.known[seen[stage.known]]
+            np.concatenate(rows), stage.joints[observable[stage.joints]], stage.known[observable[stage.known]]
         )
         for stage, rows in zip(method.stages, zip(*fitted, strict=True), strict=True)
-        if seen[stage.joints].any()
+        if observable[stage.joints].any()
     )
     return MethodStacks(
         parameters=robot.n,
@@ -158,7 +162,8 @@ class Draws:
             plan: size and number of the draws.
 
         Raises:
-            UnsupportedMethodError: the readings cannot support the method, or the fit is not linear in them.
+            UnsupportedMethodError: the readings cannot support the method, or the settings make the fit
+                nonlinear.
             RequestError: a draw is larger than the set.
         """
         count = len(joints.measurements)
@@ -166,7 +171,7 @@ class Draws:
         refuse_nonlinear(joints.stated)
         if plan.size > count:
             raise RequestError(
-                f"a draw of {plan.size} configurations exceeds the set's {count}",
+                f"a draw of {plan.size} configurations is larger than the measurement set, which has {count}",
                 where="resampling.size",
                 remedy=f"set `size` to at most {count}",
             )
@@ -176,20 +181,23 @@ class Draws:
     def _blocks(self) -> MethodStacks:
         """Rows of the method on the whole set."""
         joints = self._joints
-        return method_stacks(joints.robot, joints.measurements, joints.settings, joints.estimate)
+        return build_method_stacks(joints.robot, joints.measurements, joints.settings, joints.estimate)
 
     def steps(self) -> tuple[tuple[int, int], ...]:
-        """Return for each step the range of repetitions: the first, and one past the last."""
+        """Return for each step its range of repetitions, as (first, one past the last)."""
         readings = int(self._joints.measurements.present.sum())
         seconds = _SECONDS_A_REPETITION + _SECONDS_A_READING * readings
         size, count = max(1, int(STEP_SECONDS / seconds)), self._plan.repetitions
         return tuple((start, min(start + size, count)) for start in range(0, count, size))
 
     def compute(self, span: tuple[int, int]) -> dict[str, FloatArray]:
-        """Fit the repetitions in a range (first, one past the last).
+        """Fit the repetitions of one step.
+
+        Args:
+            span: range of repetitions, as (first, one past the last); K repetitions.
 
         Returns:
-            `compliance` (K, n) [rad/(N·m)] and `compensation` (K,) of the K repetitions.
+            Arrays by name: `compliance` (K, n) [rad/(N·m)] and `compensation` (K,), dimensionless.
 
         Raises:
             JointstiffError: the identification of the whole set fails.
@@ -198,7 +206,9 @@ class Draws:
         return {"compliance": found.compliance, "compensation": found.compensation}
 
     def statistics(self, parts: Sequence[Mapping[str, FloatArray]]) -> ResamplingResult:
-        """Return the statistics over all repetitions; NaN for joints not observable in the whole set.
+        """Return the statistics of the compliances and of the compensation over all repetitions.
+
+        Joints that are not observable in the whole set get no statistics.
 
         Args:
             parts: results of `compute`, in the order of the steps.
@@ -217,7 +227,7 @@ def refuse_nonlinear(settings: Settings) -> None:
     """Refuse settings that resampling does not support, because its fits are sums over configurations.
 
     Raises:
-        UnsupportedMethodError: the loss is not squared, or there are priors or an order.
+        UnsupportedMethodError: the loss is not squared, or the settings contain priors or a stiffness order.
     """
     if settings.loss != "squared":
         raise UnsupportedMethodError(
@@ -234,14 +244,20 @@ def refuse_nonlinear(settings: Settings) -> None:
 
 
 def _build_stage_stack(rows: FloatArray, joints: IndexArray, known: IndexArray) -> StageStack:
-    """Return the stack of one stage, columns scaled to unit length, from rows (N, r, n + 1) of all joints."""
+    """Return the least-squares problem of one stage, with columns scaled to unit length.
+
+    Args:
+        rows: (N, r, n + 1) [A d] of all n joints in N configurations.
+        joints: (p,) joints that the stage estimates.
+        known: (q,) joints that an earlier stage has estimated.
+    """
     chosen = rows[..., [*joints, *known, -1]]
-    read = np.full(len(rows), rows.shape[1])
+    read = np.full(len(rows), rows.shape[1])  # every row counts as a reading
     stack, norms = Stack(chosen, read, {"joints": len(joints), "known": len(known)}).scale_to_unit_columns()
     return StageStack(joints, known, stack, norms[-1] / norms[:-1])
 
 
-def draws_of(plan: Resampling, configurations: int, start: int, stop: int) -> IndexArray:
+def draw_configurations(plan: Resampling, configurations: int, start: int, stop: int) -> IndexArray:
     """Draw the configurations for a range of repetitions, reproducibly from the seed.
 
     With u the table ``np.random.default_rng(seed).random((repetitions, N))``, repetition r draws the
@@ -289,7 +305,7 @@ class Resamples:
 def resample(
     blocks: MethodStacks, plan: Resampling, bounds: Bounds, start: int = 0, stop: int | None = None
 ) -> Resamples:
-    """Draw and fit the repetitions from start to stop.
+    """Draw configurations and fit the compliances to them, for the repetitions from start to stop.
 
     Args:
         blocks: rows of the method on the measurement set.
@@ -307,19 +323,20 @@ def resample(
     stop = plan.repetitions if stop is None else stop
     step = max(1, min(TILE, _TILE_WEIGHTS // len(blocks)))
     starts = range(start, stop, step) or [start]
-    draws = (draws_of(plan, len(blocks), first, min(first + step, stop)) for first in starts)
+    draws = (draw_configurations(plan, len(blocks), first, min(first + step, stop)) for first in starts)
     parts = []
     for drawn in draws:
+        # Count how often each repetition drew each configuration: a table (repetitions, configurations).
         shape = len(drawn), len(blocks)
-        places = np.arange(len(drawn))[:, None] * len(blocks) + drawn
-        counts = np.bincount(places.ravel(), minlength=shape[0] * shape[1]).reshape(shape).astype(np.float64)
+        cells = np.arange(len(drawn))[:, None] * len(blocks) + drawn
+        counts = np.bincount(cells.ravel(), minlength=shape[0] * shape[1]).reshape(shape).astype(np.float64)
         compliance = fit_subsets(blocks, counts, bounds)
         parts.append(Resamples(compliance, blocks.compensation(compliance)))
     return Resamples.concatenate(parts)
 
 
 def fit_subsets(blocks: MethodStacks, weights: FloatArray, bounds: Bounds) -> FloatArray:
-    """Fit subsets of the configurations, stage by stage.
+    """Fit the compliances to each of K subsets of the configurations, stage by stage.
 
     Args:
         blocks: rows of the method on the measurement set.
@@ -351,8 +368,8 @@ def _solve_stage(stage: StageStack, weights: FloatArray, known: FloatArray, boun
     total = stage.total(weights)
     gram = total[:, :p, :p]
     moment = total[:, :p, -1] - (total[:, :p, p:-1] * offset[:, None, :]).sum(axis=2)
-    seen = (np.diagonal(gram, axis1=1, axis2=2) > NULL_COLUMN**2).all(axis=1)
-    fit = np.flatnonzero(seen & np.isfinite(offset).all(axis=1))
+    observable = (np.diagonal(gram, axis1=1, axis2=2) > NULL_COLUMN**2).all(axis=1)
+    fit = np.flatnonzero(observable & np.isfinite(offset).all(axis=1))
     solution = solve_batch(gram[fit], moment[fit], box)
     x = np.full(moment.shape, np.nan)
     x[fit] = solution.compliance
@@ -365,7 +382,7 @@ def _solve_stage(stage: StageStack, weights: FloatArray, known: FloatArray, boun
 
 
 def _solve_from_rows(stage: StageStack, drawn: IndexArray, offset: FloatArray, box: Bounds) -> FloatArray:
-    """Fit one repetition from its rows, where its Gram matrix is too ill-conditioned.
+    """Fit one stage of one repetition to its rows, because its Gram matrix is too ill-conditioned.
 
     Args:
         stage: rows of all configurations.
@@ -401,7 +418,9 @@ def summarise_resamples(
     hidden: BoolArray | None = None,
     confidence: float = 0.95,
 ) -> ResamplingResult:
-    """Return statistics of each joint over the repetitions that determine the joint, and of compensation.
+    """Return statistics of each joint's compliance and stiffness, and of the compensation.
+
+    The statistics of a joint are those over the repetitions that determine the joint.
 
     Args:
         resamples: K repetitions, at least one.
@@ -418,7 +437,7 @@ def summarise_resamples(
     stiffness, k_deviation, _ = _summarise_samples([1.0 / c[c != 0] for c in columns], confidence)
     compensation = resamples.compensation[~np.isnan(resamples.compensation)]
     explained, e_deviation, e_interval = _summarise_samples([compensation], confidence)
-    of_joints = rows(
+    of_joints = build_messages(
         ResampledJoint,
         name=joints,
         kind=["revolute"] * len(joints) if kinds is None else kinds,
@@ -431,7 +450,7 @@ def summarise_resamples(
         share_infinite=(draws == 0).sum(axis=0) / determined,
         share_undetermined=undetermined.mean(axis=0),
     )
-    (result,) = rows(
+    (result,) = build_messages(
         ResamplingResult,
         repetitions=[len(draws)],
         joints=[of_joints],
@@ -446,7 +465,10 @@ def summarise_resamples(
 def _summarise_samples(
     samples: Sequence[FloatArray], confidence: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return mean (k,), standard deviation (k,) and percentile interval (k, 2) of k samples, or NaN."""
+    """Return mean (k,), standard deviation (k,) and percentile interval (k, 2) of k samples.
+
+    A mean or an interval needs one value of the sample, a deviation two values; else the number is NaN.
+    """
     tail = (1.0 - confidence) / 2.0
     mean, deviation, interval = np.full(len(samples), np.nan), np.full(len(samples), np.nan), []
     for k, values in enumerate(samples):

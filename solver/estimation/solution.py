@@ -39,7 +39,7 @@ LEAST_EIGENVALUE: Final = 1e-6
 answer."""
 _ROUNDING: Final = 64 * np.finfo(float).eps
 """Rounding of a gradient, relative to the largest variable."""
-_TOUCHES: Final = 1e-6
+_ACTIVE_SLACK: Final = 1e-6
 """Largest slack of an interior point at a row that is active at the optimum."""
 
 
@@ -51,9 +51,9 @@ class Certificate:
     is the cosine between a column and the residual, times ‖residual‖/‖z‖.
     """
 
-    primal: float  #: greatest violation of a constraint, of a cone by a scalar or an eigenvalue
-    #: greatest part of the gradient that the multipliers do not balance. For a cone, how far the slack was
-    #: outside of it before the multipliers were moved, over the weight of the penalty
+    primal: float  #: greatest violation of a constraint; for a cone, the most negative scalar or eigenvalue
+    #: greatest part of the gradient that the multipliers do not balance. For a cone, distance of the slack
+    #: from the dual cone before the multipliers were changed, over the weight of the penalty
     dual: float
     #: greatest min(multiplier, slack). For a cone, root of the objective's excess over what the multipliers
     #: prove, with ‖z‖ = 1: the fitted readings differ from the optimum's by no more. For a robust loss, the
@@ -65,12 +65,15 @@ class Certificate:
     solved_by: SupportFinder  #: algorithm that found the support
 
     def is_optimal(self) -> bool:
-        """Return whether no violation exceeds rounding."""
+        """Return whether no violation exceeds `TOLERANCE`, so that the point is the optimum."""
         return max(self.primal, self.dual, self.gap) <= TOLERANCE
 
 
 def greatest_violations(stages: Sequence[Certificate]) -> StagesCertificate:
-    """Return one certificate for all stages, at least one, of a method: the greatest violations."""
+    """Return one certificate for all stages of a method: the greatest violation of each kind of condition.
+
+    There must be at least one stage.
+    """
     return StagesCertificate(
         primal=max(stage.primal for stage in stages),
         dual=max(stage.dual for stage in stages),
@@ -147,21 +150,21 @@ def solve(problem: IdentificationProblem) -> Solution:
     Raises:
         SolverError: if no candidate satisfies the optimality conditions.
     """
-    scaled = Scaled.of(problem)
+    scaled = Scaled.from_problem(problem)
     exact = _propose_by_least_distance(scaled) if len(scaled.d) else _propose_by_active_set(scaled)
     return _select_first_certified(problem, scaled, chain(_propose_by_clarabel(scaled), exact))
 
 
 def solve_step(problem: IdentificationProblem) -> Solution:
-    """Solve a problem as `solve` does, but faster: first propose a solution by pivoting.
+    """Solve a problem by pivoting and certify the optimum; where pivoting fails, solve by Clarabel.
 
-    Pivoting starts from least squares without bounds. Meant for problems solved many times, as in iterations.
-    The certificate is as strict as that of `solve`; where pivoting fails, Clarabel is tried.
+    This is faster than `solve`, and meant for problems solved many times, as in iterations. Pivoting starts
+    from least squares without bounds. The conditions of the certificate are those of `solve`.
 
     Raises:
-        SolverError: as `solve`.
+        SolverError: if no candidate satisfies the optimality conditions.
     """
-    scaled = Scaled.of(problem)
+    scaled = Scaled.from_problem(problem)
     if len(scaled.d):
         return _select_first_certified(
             problem, scaled, chain(_propose_by_least_distance(scaled), _propose_by_clarabel(scaled))
@@ -198,14 +201,17 @@ def _select_first_certified(
 
 
 def _propose_by_clarabel(scaled: Scaled) -> Iterator[_Proposal]:
-    """Yield points refined from Clarabel's answer: exact least squares with its active constraints."""
+    """Yield exact least-squares points on the constraints that are active in Clarabel's answer.
+
+    Nothing is yielded if Clarabel fails.
+    """
     from jointstiff.solver.estimation import convex  # takes a second to import
 
     near = convex.solve_least_squares(scaled)
     if near is None:
         return
     if len(scaled.d):  # active rows have a positive multiplier, and the answer nearly touches them
-        rows = scaled.multipliers_at(near, _TOUCHES) > 0
+        rows = scaled.multipliers_at(near, _ACTIVE_SLACK) > 0
         if rows[-len(scaled.d) :].any():
             yield from _propose_on_rows(scaled, rows, near, "clarabel")
             return
@@ -258,11 +264,11 @@ def _propose_by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
 def _propose_on_rows(
     scaled: Scaled, active: BoolArray, near: FloatArray, name: SupportFinder
 ) -> Iterator[_Proposal]:
-    """Yield two exact least-squares points, on rows that hold with equality.
+    """Yield two exact least-squares points on which rows of the constraints hold with equality.
 
-    The second point holds only the given active rows (k,) with equality. The first also holds rows which the
-    second reaches up to rounding, with a positive multiplier; where variables differ very much in size, that
-    may be too many rows.
+    On the second point only the active rows (k,) hold with equality. On the first point the rows that have a
+    positive multiplier at the second point do, because rounding may have hidden some of them; where variables
+    differ very much in size, these may be too many rows.
     """
     x = scaled.solve_on_rows(active, near)
     yield scaled.solve_on_rows(scaled.multipliers_at(x) > 0, x), name
@@ -284,8 +290,8 @@ def solve_batch(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> BatchSo
     """Solve K problems ``minimise cᵀ G c − 2 hᵀ c subject to lower ≤ c ≤ upper``, with G = AᵀA and h = Aᵀd.
 
     A Gram matrix squares the condition number, so only problems that keep about nine digits are solved; the
-    caller solves the others from their rows. Every answer is certified; where pivoting does not find the
-    optimum, `solve_step` does, one problem at a time.
+    caller solves the others from their rows. Every answer is certified; problems whose optimum pivoting does
+    not find are solved one at a time by `solve_step`.
 
     The numbers of a problem do not depend, to the last bit, on the other problems in the batch.
 
@@ -323,14 +329,17 @@ def solve_batch(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> BatchSo
 
 @dataclass(frozen=True, eq=False)
 class GramProblems:
-    """K problems by their Gram matrices, in equilibrated variables: unit diagonal of A, largest |b_i| = 1."""
+    """K least-squares problems given by Gram matrices A, in variables in which A has a unit diagonal.
+
+    The largest |b_i| of each problem is 1.
+    """
 
     A: FloatArray  #: (K, n, n) Gram matrices
     b: FloatArray  #: (K, n) right-hand sides of ``A x = b``, the conditions without bounds
     bounds: Bounds  #: (K, n) bounds of the variables
 
     def select(self, which: IndexArray) -> GramProblems:
-        """Return some of the problems."""
+        """Return the problems with the indices `which`."""
         return GramProblems(self.A[which], self.b[which], self.bounds.select(which))
 
     def well_conditioned(self) -> BoolArray:
@@ -362,16 +371,19 @@ class GramProblems:
         return x
 
     def solve_by_pivoting(self) -> FloatArray:
-        """Return the points (K, n) at which pivoting between free and bound variables has come to rest."""
+        """Return the least-squares points (K, n) at which pivoting ends; they are not certified.
+
+        Pivoting ends when no variable changes between free and bound, or after `MOST_PIVOTS` rounds.
+        """
         points, active = np.empty(self.b.shape), np.zeros(self.b.shape, dtype=np.int8)
         unsettled, part = np.arange(len(active)), self
         for _ in range(MOST_PIVOTS):
             side = active[unsettled]
             points[unsettled] = x = part.solve_on_support(side)
-            moved = part.bounds.pivot(side, x, part.gradient(x))
-            changed = (moved != side).any(axis=1)
+            pivoted = part.bounds.pivot(side, x, part.gradient(x))
+            changed = (pivoted != side).any(axis=1)
             unsettled = unsettled[changed]
-            active[unsettled] = moved[changed]
+            active[unsettled] = pivoted[changed]
             if not len(unsettled):
                 return points
             part = self.select(unsettled)

@@ -28,7 +28,7 @@ class Stack:
     widths: dict[str, int]  #: number of columns of each term, by the term's name, in the order of the columns
 
     @classmethod
-    def of(
+    def from_blocks(
         cls,
         blocks: Iterable[RegressorBlock],
         terms: Sequence[Term],
@@ -95,7 +95,7 @@ class Stack:
         return replace(self, rows=unit.reshape(self.rows.shape)), length
 
     def in_units(self, units: Mapping[str, float]) -> Stack:
-        """Return the stack with columns multiplied by the new units of their unknowns.
+        """Return the stack with the unknowns of some terms in new units, which multiply their columns.
 
         Args:
             units: new unit, in the present unit, of the unknowns of each term that is named.
@@ -105,16 +105,14 @@ class Stack:
             unit[self.span[name]] = size
         return replace(self, rows=self.rows * unit)
 
-    def left_by(self, names: Sequence[str]) -> Stack:
-        """Return the stack with the named terms projected out of all other columns, and removed.
+    def project_out(self, names: Sequence[str]) -> Stack:
+        """Return the stack without the named terms, which are projected out of all other columns.
 
         A fit to the result equals a fit in which the named terms are free.
         """
         chosen = np.concatenate([self.span[name] for name in names])
-        known, left = (
-            orthonormal_basis(unit_columns(self.flat[:, chosen])[0]),
-            np.delete(self.flat, chosen, axis=1),
-        )
-        left = left - known @ (known.T @ left)
+        known = orthonormal_basis(unit_columns(self.flat[:, chosen])[0])
+        others = np.delete(self.flat, chosen, axis=1)
+        others = others - known @ (known.T @ others)
         widths = {name: width for name, width in self.widths.items() if name not in names}
-        return replace(self, rows=left.reshape(*self.rows.shape[:2], -1), widths=widths)
+        return replace(self, rows=others.reshape(*self.rows.shape[:2], -1), widths=widths)

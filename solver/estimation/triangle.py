@@ -30,7 +30,7 @@ _RESOLUTION: Final = 1e-7
 """Residual [m] of a coordinate below which nothing is left to explain."""
 
 
-def triangle_of(rows: FloatArray) -> FloatArray:
+def compute_triangular_factor(rows: FloatArray) -> FloatArray:
     """Return the triangular factor (k, k) of rows (m, k), k columns, computed by a tree of small QRs.
 
     Small QRs start no threads. A stack of s small matrices (s, m, k) gives s factors (s, k, k).
@@ -74,9 +74,9 @@ class Triangle:
         """
         flat, width = rows.reshape(-1, self.R.shape[1]), self.R.shape[1]
         if not self.rows and len(flat) >= width:
-            self.R = triangle_of(flat)
+            self.R = compute_triangular_factor(flat)
         else:
-            self.R = triangle_of(np.concatenate([self.R, triangle_of(flat)]))
+            self.R = compute_triangular_factor(np.concatenate([self.R, compute_triangular_factor(flat)]))
         self.rows += len(flat) if count is None else count
 
     @property
@@ -138,8 +138,8 @@ class Triangle:
         """Return the rank of the named terms' unit columns: the number of singular values above `least`."""
         return int(orthonormal_basis(self.unit_columns(names), least).shape[1])
 
-    def left_by(self, names: Sequence[str], least: float) -> Triangle:
-        """Return the triangle with the named terms projected out of all other columns, and then removed.
+    def project_out(self, names: Sequence[str], least: float) -> Triangle:
+        """Return the triangle without the named terms, which are projected out of all other columns.
 
         A fit to the result equals a fit in which the named terms are free.
 
@@ -155,13 +155,13 @@ class Triangle:
         return triangle
 
     def fit(self, names: Sequence[str], others: FloatArray, least: float) -> FloatArray:
-        """Fit terms by least squares while the unknowns of the others are known.
+        """Fit some terms by least squares, with given values of the unknowns of all other terms.
 
         Args:
             names: terms that are fitted, k unknowns together.
             others: (K,) known values of the unknowns of all other terms; zero for the fitted terms.
-            least: singular value of unit columns above which a direction is fitted; the unknowns' part in
-                all other directions stays zero.
+            least: singular value of the terms' unit columns above which a direction is fitted; the part of
+                the unknowns in all other directions stays zero.
 
         Returns:
             (k,) fitted unknowns.
@@ -172,7 +172,7 @@ class Triangle:
         along = U[:, seen].T @ (self.rhs - self.matrix @ others)
         return np.asarray(Vt[seen].T @ (along / s[seen]) / length)
 
-    def given(self, deviation: FloatArray, variance: float) -> Given:
+    def fit_with_prior(self, deviation: FloatArray, variance: float) -> PriorFit:
         """Fit all terms by least squares with a Gaussian prior of mean zero on every unknown.
 
         The prior enters as one more row for each unknown: the unknown over its standard uncertainty is zero.
@@ -180,17 +180,20 @@ class Triangle:
         Args:
             deviation: (K,) prior standard uncertainty of each unknown; 0 keeps the unknown at zero.
             variance: variance of one reading, in the squared unit of the rows.
+
+        Returns:
+            The fitted unknowns, a root of their covariance, and the sum of squared residuals of the readings.
         """
         M = np.vstack([self.matrix * deviation, np.sqrt(variance) * np.eye(len(deviation))])
         x, *_ = np.linalg.lstsq(M, np.concatenate([self.rhs, np.zeros(len(deviation))]), rcond=None)
         inverse = np.linalg.solve(np.linalg.qr(M, mode="r"), np.eye(len(deviation)))
         left = float(np.square(self.matrix @ (deviation * x) - self.rhs).sum())
-        return Given(deviation * x, np.sqrt(variance) * deviation[:, None] * inverse, left)
+        return PriorFit(deviation * x, np.sqrt(variance) * deviation[:, None] * inverse, left)
 
-    def fit_with(self, names: Sequence[str], known: str = "joints") -> FittedWith:
-        """Fit the named terms together with a term that certainly acts, by least squares without bounds.
+    def fit_with(self, names: Sequence[str], known: str = "joints") -> TermsFit:
+        """Fit the named terms together with the term `known`, by least squares without bounds.
 
-        Directions of the named terms that the certain term, `known`, explains equally well stay zero.
+        Directions of the named terms that the term `known` explains equally well stay zero.
         """
         columns, d = self.R[:, self.span[known]], self.R[:, -1]
         unit, length = unit_columns(self.R[:, np.concatenate([self.span[name] for name in names])])
@@ -202,24 +205,24 @@ class Triangle:
         step = root @ (U[:, distinct].T @ d)
         fitted = np.linalg.lstsq(known_unit, d - unit @ step, rcond=INDEPENDENT)[0]
         hidden = Vt[~distinct].T / length[:, None]
-        return FittedWith(fitted / scale, step / length, root / length[:, None], hidden)
+        return TermsFit(fitted / scale, step / length, root / length[:, None], hidden)
 
 
-class Given(NamedTuple):
+class PriorFit(NamedTuple):
     """Result of least squares for K unknowns that have a prior."""
 
     unknowns: FloatArray  #: (K,) fitted values
-    root: FloatArray  #: (K, K); its product with the transpose is their covariance
+    root: FloatArray  #: (K, K) L; L Lᵀ is the covariance of the unknowns
     squares: float  #: sum of the squared residuals of the readings
 
 
-class FittedWith(NamedTuple):
-    """Result of least squares for p unknowns of a certain term and K of other terms, in units of sigma."""
+class TermsFit(NamedTuple):
+    """Result of least squares for p unknowns of one known term and K unknowns of other terms."""
 
-    known: FloatArray  #: (p,) unknowns of the certain term: the joints, unless another term was named
+    known: FloatArray  #: (p,) unknowns of the known term, which is the joints unless another one was named
     unknowns: FloatArray  #: (K,) unknowns of the other terms
-    root: FloatArray  #: (K, r); its product with the transpose is the covariance of the unknowns
-    hidden: FloatArray  #: (K, K - r) directions of these unknowns that the certain term explains equally well
+    root: FloatArray  #: (K, r) L; L Lᵀ is the covariance of the unknowns, in units of sigma²
+    hidden: FloatArray  #: (K, K - r) directions of these unknowns that the known term explains equally well
 
 
 def unit_columns(columns: FloatArray) -> tuple[FloatArray, FloatArray]:

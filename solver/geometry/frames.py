@@ -69,15 +69,15 @@ from jointstiff.solver.geometry.poses import (
     Motion,
     build_right_handed_frame,
     chain_axes,
+    differentiate_by_rigid_motion,
     minimise,
-    motion_matrix,
-    transformed,
+    transform_points,
 )
 from jointstiff.solver.geometry.sweeps import STILL, SweptAxes
 from jointstiff.solver.mechanics.chain import ChainJoint, Convention, KinematicChain
 from jointstiff.solver.mechanics.measurements import whitener
 from jointstiff.solver.mechanics.postures import WRIST_JOINTS, Wrist
-from jointstiff.solver.messages import point, rows, to_rigid
+from jointstiff.solver.messages import build_messages, point, to_rigid
 
 LEAST_SINE = 0.1
 """Sine of the angle between two axes below which the foot of their common perpendicular is unreliable."""
@@ -90,22 +90,30 @@ _COLLINEAR = 1e-3  # least width of targets over their length, below which they 
 
 
 def find_common_perpendicular_feet(first: Axis, second: Axis) -> tuple[FloatArray, FloatArray]:
-    """Return where the common perpendicular of two axes meets the first and the second (3,) [m]."""
+    """Return the two points (3,) [m] at which the common perpendicular of two axes meets them.
+
+    The axes must not be parallel.
+    """
     a, b = first.direction, second.direction
     between = second.point - first.point
     cosine = float(a @ b)
     sine2 = float(np.sum(cross(a, b) ** 2))
-    along, back = float(between @ a), float(between @ b)
-    return first.at((along - back * cosine) / sine2), second.at((along * cosine - back) / sine2)
+    along_first, along_second = float(between @ a), float(between @ b)
+    first_foot = first.at((along_first - along_second * cosine) / sine2)
+    second_foot = second.at((along_first * cosine - along_second) / sine2)
+    return first_foot, second_foot
 
 
-def perpendicular_frame(axes: Sequence[Axis], frame: Literal["base", "flange"]) -> pin.SE3:
-    """Return the transform from the perpendicular frame of two axes to the frame of the axes.
+def compute_perpendicular_frame(axes: Sequence[Axis], frame: Literal["base", "flange"]) -> pin.SE3:
+    """Return the transform from the perpendicular frame of two axes to the frame in which the axes are given.
+
+    The perpendicular frame has z along the main axis and x along the common perpendicular with the other
+    axis.
 
     Args:
-        axes: at model angle zero, base first.
-        frame: `base` takes axis 1 as main axis and axis 2 as the other, `flange` the last axis and the axis
-            before the last.
+        axes: all axes at model angle zero, base first.
+        frame: `base` takes axis 1 as main axis and axis 2 as other axis; `flange` takes the last axis as main
+            axis and the axis before the last as other axis.
 
     Raises:
         MeasurementError: there are fewer than two axes, or they are nearly parallel.
@@ -132,26 +140,27 @@ def perpendicular_frame(axes: Sequence[Axis], frame: Literal["base", "flange"]) 
 
 @dataclass(frozen=True, eq=False)
 class BaseFrame:
-    """Placement of R0 in the tracker's frame by identified axes and a convention."""
+    """Placement of R0 in the tracker's frame, from identified axes and a convention."""
 
     identified: IdentifiedAxes  #: at least two axes
     #: from the perpendicular frame of axes 1 and 2, at model angle zero, to R0: the convention
     base_from_perpendicular: pin.SE3
 
     def place(self, axes: Sequence[Axis]) -> pin.SE3:
-        """Return the transform from tracker to R0 by given axes at model angle zero, by this convention."""
-        return self.base_from_perpendicular * perpendicular_frame(axes, "base").inverse()
+        """Return the transform from tracker to R0 that follows from `axes` at model angle zero."""
+        return self.base_from_perpendicular * compute_perpendicular_frame(axes, "base").inverse()
 
     @cached_property
     def transform_tracker_to_base(self) -> pin.SE3:
-        """Transform from the tracker's frame to R0, by the identified axes."""
+        """Transform from the tracker's frame to R0, from the identified axes."""
         return self.place(self.identified.axes)
 
     @cached_property
     def jacobian(self) -> FloatArray:
-        """(6, 4 n + 3 T) derivative of the transform's small motion by charts of axes and by targets.
+        """Derivative (6, 4 n + 3 T) of `transform_tracker_to_base` with respect to axes and targets.
 
-        The small motion is a translation δ [m], then a rotation φ [rad], in R0.
+        Rows are a small motion in R0: translation [m], then rotation [rad]. Columns are the four chart
+        coordinates of each of n axes, then the coordinates of T targets.
         """
         back = self.transform_tracker_to_base.inverse()
         return self.identified.jacobian_of(lambda axes, _: pin.log6(self.place(axes) * back).vector)
@@ -164,7 +173,8 @@ def find_base_frame(
 
     Args:
         identified: at least two axes.
-        nominal: model that places R0 relative to its own axes; None places R0 by the axes alone.
+        nominal: model whose position of R0 relative to its own axes is adopted; None places R0 on the
+            identified axes without a model.
         height: without a nominal model, height above R0 of the point where the common perpendicular of axes
             1 and 2 meets axis 1 [m].
 
@@ -173,16 +183,17 @@ def find_base_frame(
     """
 
     def signed_distance(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
-        """Return the signed distance (1,) [m] of axis 2 from axis 1 along x of their perpendicular frame."""
-        x = perpendicular_frame(axes, "base").rotation[:, 0]
+        """Return the signed distance (1,) [m] from axis 1 to axis 2 along x of their perpendicular frame."""
+        x = compute_perpendicular_frame(axes, "base").rotation[:, 0]
         first, second = find_common_perpendicular_feet(axes[0], axes[1])
         return np.array([(second - first) @ x])
 
     if nominal is not None:
-        convention = perpendicular_frame(chain_axes(nominal)[0], "base")
+        convention = compute_perpendicular_frame(chain_axes(nominal)[0], "base")
     else:
         distance = signed_distance(identified.axes, identified.targets)[0]
         uncertainty = np.sqrt(identified.covariance_of(signed_distance)[0, 0])
+        # Turn x by half a turn if it points away from axis 2: R0 has x from axis 1 towards axis 2.
         sign = -1.0 if distance < -_MEETING * uncertainty else 1.0
         convention = pin.SE3(np.diag([sign, sign, 1.0]), np.array([0.0, 0.0, height]))
     return BaseFrame(identified, convention)
@@ -190,23 +201,23 @@ def find_base_frame(
 
 @dataclass(frozen=True, eq=False)
 class BaseTargets:
-    """Three or more targets on the robot's base, read twice."""
+    """Three or more targets on the robot's base, read before and after the measurement."""
 
-    before: FloatArray  #: (B, 3) tracker's frame [m]
-    after: FloatArray  #: (B, 3) later
+    before: FloatArray  #: (B, 3) earlier readings in the tracker's frame [m]
+    after: FloatArray  #: (B, 3) later readings in the tracker's frame [m]
     covariance: FloatArray  #: (3, 3) or (B, 3, 3) of one reading in units of sigma²
     names: tuple[str, ...]  #: (B,) names of the targets
     where: str = "base_targets_after"  #: field of the request that has the later readings
 
-    def drift(self, sigma: float, at: FloatArray) -> Drift:
-        """Fit the rigid motion ``after = R before + t`` of the base, and test whether it is chance.
+    def fit_drift(self, sigma: float, at: FloatArray) -> Drift:
+        """Fit the rigid motion ``after = R before + t`` of the base, and test whether it is only noise.
 
-        The fit is by maximum likelihood. The result holds the transform back, the displacement, the p-values
-        of no motion and of a rigid base, and the target that moved on its own, if one did.
+        Return the motion with its covariance, the p-values of the hypotheses that the base did not move and
+        that it moved rigidly, and the name of a target that moved relative to the other targets.
 
         Args:
             sigma: standard uncertainty of a coordinate [m].
-            at: (3,) point whose displacement is of interest, such as the middle of the measured ones [m].
+            at: (3,) point whose displacement is returned, such as the middle of the robot's targets [m].
 
         Raises:
             MeasurementError: the base targets lie on a line.
@@ -224,16 +235,19 @@ class BaseTargets:
         R = turn.as_matrix()
         motion, linear = minimise(
             pin.SE3(R, after.mean(axis=0) - R @ middle),
-            lambda motion: np.asarray((W @ (after - transformed(motion, before))[..., None]).ravel()),
-            lambda motion: np.asarray((W @ motion_matrix(transformed(motion, before))).reshape(-1, 6)),
+            lambda motion: np.asarray((W @ (after - transform_points(motion, before))[..., None]).ravel()),
+            lambda motion: np.asarray(
+                (W @ differentiate_by_rigid_motion(transform_points(motion, before))).reshape(-1, 6)
+            ),
             lambda motion, step: pin.exp6(step) * motion,
             where=self.where,
         )
         left, unmoved = linear.residual, (W @ (after - before)[..., None]).ravel()
         probability = float(special.chdtrc(6, max(float(unmoved @ unmoved) - linear.rss, 0.0)))
-        S = motion_matrix(at)
+        S = differentiate_by_rigid_motion(at)
         # Test each target alone: the drop in the sum of squares when the target is left out is χ² with three
-        # degrees of freedom. Three targets leave only three residual numbers, too few to find who moved.
+        # degrees of freedom. Three targets leave only three residual numbers, too few to
+        # find the target that moved.
         moved = []
         for target in range(len(before) if len(before) > 3 else 0):
             rows = slice(3 * target, 3 * target + 3)
@@ -243,7 +257,7 @@ class BaseTargets:
                 moved.append((gain, self.names[target]))
         return Drift(
             transform_after_to_before=to_rigid(motion.inverse()),
-            displacement=point(transformed(motion, at) - at),
+            displacement=point(transform_points(motion, at) - at),
             displacement_covariance=(S @ linear.covariance @ S.T).tolist(),
             rotation=point(Rotation.from_matrix(motion.rotation).as_rotvec()),
             probability=probability,
@@ -257,16 +271,17 @@ CentreWay = Literal["sphere", "axes", "trilateration"]
 
 
 def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResult:
-    """Estimate the wrist centre in every way that the readings allow, and combine the estimates.
+    """Estimate the wrist centre by every method that the readings allow, and combine the estimates.
 
-    The ways are `axes`, `sphere` and `trilateration`; without sweeps only `axes` is possible.
+    The methods are `axes`, `sphere` and `trilateration`; without sweeps only `axes` is possible.
 
     Args:
         identified: at least three axes.
-        base: where R0 is by the same readings.
+        base: placement of R0, identified from the same readings.
 
     Returns:
-        All estimates, their combination and distances, in the tracker's frame and in R0.
+        All estimates and their weighted combination, in the tracker's frame and in R0; the distances between
+        the estimates.
 
     Raises:
         MeasurementError: fewer than three axes, or the last three are nearly parallel.
@@ -278,7 +293,7 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
             remedy="sweep all joints of the robot",
         )
     posture, T, sigma = np.zeros(identified.n), base.transform_tracker_to_base, identified.sigma
-    if isinstance(identified, SweptAxes):  # where the last sweep has the arm
+    if isinstance(identified, SweptAxes):  # the arm's posture in the last sweep
         posture[:-WRIST_JOINTS] = identified.sweeps.postures[-1, :-WRIST_JOINTS]
     by_axes, *miss = _find_point_nearest_to_axes(identified, posture)
     ways: list[tuple[CentreWay, FloatArray, FloatArray]] = [("axes", *by_axes)]
@@ -288,46 +303,49 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
         if trilaterated is not None:
             ways.append(("trilateration", *trilaterated))
 
-    def state_in_both_frames(centre: FloatArray, influence: FloatArray) -> dict[str, Any]:
-        """Return the fields of a `WristCentre`: place and covariance in the tracker's frame and in R0.
+    def express_in_both_frames(centre: FloatArray, influence: FloatArray) -> dict[str, Any]:
+        """Return the fields of a `WristCentre`: position and covariance in the tracker's frame and in R0.
 
-        The centre (3,) [m] is in the tracker's frame; `influence` is its derivative (3, m) by the readings.
+        The centre (3,) [m] is in the tracker's frame; `influence` (3, m) is its derivative with respect to
+        the whitened readings.
         """
-        there = transformed(T, centre)
+        centre_in_base = transform_points(T, centre)
         # The influence of the readings on R0 may have further columns, for joint angles at rest.
-        of_both = motion_matrix(there) @ base.jacobian @ base.identified.influence
-        of_both[:, : influence.shape[1]] += T.rotation @ influence
+        base_influence = (
+            differentiate_by_rigid_motion(centre_in_base) @ base.jacobian @ base.identified.influence
+        )
+        base_influence[:, : influence.shape[1]] += T.rotation @ influence
         return {
             "tracker": centre.tolist(),
             "tracker_covariance": (sigma**2 * influence @ influence.T).tolist(),
-            "base": there.tolist(),
-            "base_covariance": (sigma**2 * of_both @ of_both.T).tolist(),
+            "base": centre_in_base.tolist(),
+            "base_covariance": (sigma**2 * base_influence @ base_influence.T).tolist(),
         }
 
     informations = [np.linalg.inv(sigma**2 * influence @ influence.T) for _, _, influence in ways]
     weights = np.linalg.inv(np.sum(informations, axis=0)) @ informations  # matrices whose sum is the identity
-    weighed = list(zip(weights, ways, strict=True))
+    weighted_ways = list(zip(weights, ways, strict=True))
     estimates = [
-        WristCentre(way=way, weight=float(np.trace(W) / 3.0), **state_in_both_frames(centre, influence))
-        for W, (way, centre, influence) in weighed
+        WristCentre(way=way, weight=float(np.trace(W) / 3.0), **express_in_both_frames(centre, influence))
+        for W, (way, centre, influence) in weighted_ways
     ]
-    # The weighted centre, then its derivative by the readings
-    combined = (np.sum([W @ way[i] for W, way in weighed], axis=0) for i in (1, 2))
+    # The weighted centre, then its derivative with respect to the readings
+    combined = (np.sum([W @ way[i] for W, way in weighted_ways], axis=0) for i in (1, 2))
     distances = []
     for (first, centre_1, influence_1), (second, centre_2, influence_2) in combinations(ways, 2):
         gap, difference = centre_1 - centre_2, sigma * (influence_1 - influence_2)
         U, singular, _ = np.linalg.svd(difference, full_matrices=False)
         # The χ² test leaves out directions in which noise moves both estimates alike.
-        seen = singular > 1e-6 * max(singular[0], 1e-300)
-        statistic = float(np.sum(((U.T @ gap)[seen] / singular[seen]) ** 2))
-        probability = float(special.chdtrc(int(seen.sum()), statistic))
+        distinguishable = singular > 1e-6 * max(singular[0], 1e-300)
+        statistic = float(np.sum(((U.T @ gap)[distinguishable] / singular[distinguishable]) ** 2))
+        probability = float(special.chdtrc(int(distinguishable.sum()), statistic))
         distance = float(np.linalg.norm(gap))
         distances.append(
             WristDistance(first=first, second=second, distance=distance, probability=probability)
         )
     return WristResult(
         estimates=estimates,
-        combined=WristCentre(way="combined", weight=1.0, **state_in_both_frames(*combined)),
+        combined=WristCentre(way="combined", weight=1.0, **express_in_both_frames(*combined)),
         distances=distances,
         posture=posture.tolist(),
         miss_distance=miss[0],
@@ -343,16 +361,16 @@ def _find_point_nearest_to_axes(
     """Find the point nearest to the last three axes in a posture (n,) [rad], by generalised least squares.
 
     Returns:
-        The point (3,) in the tracker's frame [m] with its derivative (3, m) by the whitened readings in units
-        of sigma; the greatest distance of an axis from the point [m]; the uncertainty of that distance [m];
-        and the probability that noise alone moves axes that meet so far apart.
+        A pair of the point (3,) in the tracker's frame [m] and its derivative (3, m) with respect to the
+        whitened readings in units of sigma; the greatest distance of an axis from the point [m]; the
+        uncertainty of this distance [m]; and the p-value of the hypothesis that the three axes intersect.
 
     Raises:
         MeasurementError: the axes are nearly parallel.
     """
 
     def place_wrist_axes(axes: Sequence[Axis]) -> list[Axis]:
-        """Return the last three axes as the joints place them in the posture."""
+        """Return the last three axes in the posture, from all axes at model angle zero."""
         frames = Motion(axes, np.zeros((1, 3)), posture[None]).postures.joint_frames
         places = zip(*(part[0, -WRIST_JOINTS:] for part in frames), strict=True)
         return [Axis(pin.SE3(rotation, origin)) for rotation, origin in places]
@@ -379,7 +397,7 @@ def _find_point_nearest_to_axes(
 def _solve_nearest_point(axes: Sequence[Axis], weight: FloatArray) -> FloatArray:
     """Return the point (3,) [m] nearest to three axes, by weighted least squares.
 
-    The weight (6, 6) is that of the distances along two normals of each axis.
+    `weight` (6, 6) weights the distances along two normals of each axis.
 
     Raises:
         MeasurementError: the axes are nearly parallel.
@@ -399,19 +417,21 @@ def _solve_nearest_point(axes: Sequence[Axis], weight: FloatArray) -> FloatArray
 def fit_spheres(
     identified: SweptAxes, arm: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray] | None:
-    """Fit concentric spheres to the targets: their common centre is the wrist centre.
+    """Fit spheres with a common centre, the wrist centre, to the targets.
 
     While the arm rests and wrist joints turn, each target keeps its distance from the wrist centre. The fit
     is by maximum likelihood.
 
     Args:
-        identified: for sweeps and targets.
-        arm: (n - 3,) model angles of the joints before the wrist [rad]; only sweeps at them are fitted.
+        identified: axes with the sweeps whose readings are fitted.
+        arm: (n - 3,) model angles of the joints before the wrist [rad]; only sweeps at these angles are
+            fitted.
 
     Returns:
-        The common centre (3,) in the tracker's frame [m]; the radii (T,) [m], of no meaning for a target
-        without reading; the derivative (3 + T, m) of centre and radii by all whitened readings, in units of
-        sigma; and a mask (N, T) of the readings that were fitted. None if the readings do not determine a
+        The common centre (3,) in the tracker's frame [m]; the radii (T,) [m], meaningless for a target
+        without reading; the derivative (3 + T, m) of centre and radii with respect to all whitened readings,
+        in units of sigma; and a mask (N, T) of the readings that were fitted. None if the readings do not
+        determine a
         centre: a single sweep shows only a circle.
     """
     sweeps, readings = identified.sweeps, identified.sweeps.whitened
@@ -424,7 +444,9 @@ def fit_spheres(
     present = sweeps.present & np.concatenate(at_rest)[:, None]
     k, t = np.nonzero(present)
     points, member = readings.points[k, t], np.eye(present.shape[1])[t]
-    factors = np.linalg.inv(readings.weight[k, t])  # derivative of a reading by the whitened reading
+    factors = np.linalg.inv(
+        readings.weight[k, t]
+    )  # derivative of a reading with respect to the whitened reading
 
     def distances_and_directions(state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return distances (m,) of the readings from the centre, and unit vectors (m, 3) from the centre."""
@@ -438,7 +460,8 @@ def fit_spheres(
     solution = np.linalg.lstsq(np.hstack([2.0 * p, member]), np.sum(p**2, axis=1), rcond=None)[0]
     radii = np.sqrt(np.maximum(solution[3:] + solution[:3] @ solution[:3], 1e-12))
     first = np.concatenate([solution[:3] + mean, radii])
-    # Weights are those of the start values: they hardly change, and the fit stays an ordinary one.
+    # The weights are computed at the start values and kept: they hardly depend on the state, and with
+    # constant weights the problem is ordinary least squares.
     spread = np.linalg.norm(np.einsum("mji,mj->mi", factors, distances_and_directions(first)[1]), axis=1)
     try:
         state, linear = minimise(
@@ -463,18 +486,18 @@ def fit_spheres(
 def _trilaterate_all_positions(
     identified: SweptAxes, radii: FloatArray, by_sphere: FloatArray, present: BoolArray, near: FloatArray
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Trilaterate the wrist centre in every position that shows the three best targets, and average.
+    """Trilaterate the wrist centre in every position in which the three best targets were read, and average.
 
     Args:
-        identified: for readings and targets.
+        identified: axes with their sweeps' readings and targets.
         radii: (T,) distances of the targets from the centre [m], as `fit_spheres` returns them.
-        by_sphere: (3 + T, m) derivative of centre and radii by the readings, likewise.
+        by_sphere: (3 + T, m) derivative of centre and radii with respect to the readings, from `fit_spheres`.
         present: (N, T) readings that may be used.
         near: (3,) rough centre [m].
 
     Returns:
-        The weighted mean (3,) [m] and its derivative (3, m) by the whitened readings; None without three
-        targets that form a triangle.
+        The weighted mean (3,) [m] and its derivative (3, m) with respect to the whitened readings; None
+        without three targets that form a triangle.
     """
     readings = identified.sweeps.whitened
     columns = np.arange(readings.points.size).reshape(readings.points.shape)
@@ -509,7 +532,7 @@ def _trilaterate_all_positions(
 def trilaterate(
     targets: FloatArray, distances: npt.ArrayLike, near: npt.ArrayLike
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Find the point at three distances from three targets (paper, eqs 13-20).
+    """Find the point whose distances from three targets are known (paper, eqs 13-20).
 
     Args:
         targets: (3, 3) P10, P11, P12 [m].
@@ -517,8 +540,8 @@ def trilaterate(
         near: (3,) nominal centre, to choose between the two solutions [m].
 
     Returns:
-        The point (3,) [m]; its derivative (3, 3) by the distances; and its derivative (3, 3, 3) by the
-        targets, with the indices component of the point, target, coordinate of the target.
+        The point (3,) [m]; its derivative (3, 3) with respect to the distances; and its derivative (3, 3, 3)
+        with respect to the targets, indexed by component of the point, target, coordinate of the target.
 
     Raises:
         MeasurementError: the targets lie on a line, or no point has these distances.
@@ -538,10 +561,11 @@ def trilaterate(
     height2 = float(r[0] ** 2 - foot @ foot)
     if not height2 > 0.0:
         raise MeasurementError(
-            "no point has these distances from the three targets, or it lies in the plane of the targets",
+            "no point has these distances from the three targets, or the point lies in the plane of "
+            "the targets",
             where="targets",
-            remedy="check the distances; a centre in the plane of the targets cannot be found by "
-            "trilateration",
+            remedy="check the distances; trilateration cannot find a centre that lies in the plane of the "
+            "targets",
         )
     points = P[0] + foot + np.outer([1.0, -1.0], np.sqrt(height2) / area * normal)
     centre = min(points, key=lambda point: float(np.linalg.norm(point - np.asarray(near))))
@@ -562,36 +586,37 @@ _POSTURES = 200
 
 @dataclass(frozen=True, eq=False)
 class FlangeConvention:
-    """Convention that places the flange frame on the last link, which no axis determines.
+    """Convention that places the flange frame on the last link: the axes do not determine this frame.
 
-    By the axes, the frame is given in the perpendicular frame of the last axis and the one before, at model
-    angle zero: with the default, of a spherical wrist, z is the last axis and the origin its centre.
+    Without `targets`, the flange frame has the pose `frame_from_flange` in the perpendicular frame of the
+    last two axes at model angle zero. With the default, the identity, z is the last axis; for a spherical
+    wrist, the origin is then the wrist centre.
     """
 
-    #: indices of three targets that define it instead: origin at the first, x towards the second, y towards
-    #: the third
+    #: indices of three targets that define the flange frame: origin at the first, x towards the second, y
+    #: towards the third; None places the frame relative to the last two axes
     targets: tuple[int, int, int] | None = None
-    #: pose in the perpendicular frame
+    #: transform from the flange frame to the perpendicular frame of the last two axes
     frame_from_flange: pin.SE3 = field(default_factory=pin.SE3.Identity)
 
     @classmethod
-    def of_chain(cls, chain: KinematicChain) -> FlangeConvention:
-        """Return the convention of a nominal model, from its last two axes.
+    def from_chain(cls, chain: KinematicChain) -> FlangeConvention:
+        """Return the convention with which a nominal model places the flange relative to its last two axes.
 
         Raises:
             MeasurementError: there are fewer than two axes, or they are nearly parallel.
         """
         axes, flange = chain_axes(chain)
-        return cls(None, perpendicular_frame(axes, "flange").inverse() * flange)
+        return cls(None, compute_perpendicular_frame(axes, "flange").inverse() * flange)
 
     def place(self, axes: Sequence[Axis], targets: FloatArray) -> pin.SE3:
-        """Return the transform from the flange frame at angle zero to the frame of axes and targets.
+        """Return the transform from the flange frame at angle zero to the frame in which `axes` are given.
 
         Raises:
             MeasurementError: the axes are nearly parallel, or the targets lie on a line.
         """
         if self.targets is None:
-            return perpendicular_frame(axes, "flange") * self.frame_from_flange
+            return compute_perpendicular_frame(axes, "flange") * self.frame_from_flange
         points = targets[list(self.targets)]
         x, side = points[1] - points[0], points[2] - points[0]
         normal = cross(x, side)
@@ -606,10 +631,10 @@ class FlangeConvention:
 
 @dataclass(frozen=True, eq=False)
 class IdentifiedModel:
-    """Kinematic chain of an identified robot, and where the targets are on its flange."""
+    """Kinematic chain of an identified robot, and the positions of the targets on its flange."""
 
-    #: its kinematics in R0, for `Robot` with the joint map of the sweeps; at angle zero all link frames are
-    #: parallel to R0, with their origins on the axes
+    #: kinematics in R0, as a function of model joint angles; at angle zero all link frames are parallel to
+    #: R0, with their origins on the axes
     chain: KinematicChain
     targets_in_flange: FloatArray  #: (T, 3) [m]
     targets_covariance: FloatArray  #: (T, 3, 3) [m²]; NaN for targets that the readings do not determine
@@ -627,29 +652,30 @@ def identify_model(
 
     Args:
         identified: the axes at model angle zero.
-        base: where R0 is.
-        flange: where the flange frame is.
-        nominal: gives names, limits, and where on the axes the link frames lie; not needed.
-        name: of the robot.
+        base: placement of R0.
+        flange: convention that places the flange frame.
+        nominal: model that gives the names, the limits, and the points of the axes at which the link frames
+            lie; None numbers the joints and links.
+        name: name of the robot.
 
     Raises:
         RobotError: the nominal model has another number of joints, or a name is unfit.
         MeasurementError: the flange cannot be placed.
     """
 
-    def in_flange(moved: Sequence[Axis], points: FloatArray) -> FloatArray:
-        """Return the targets (3 T,) [m] in the flange frame, by axes and targets in the tracker's frame."""
-        return transformed(flange.place(moved, points).inverse(), points).ravel()
+    def locate_in_flange(axes: Sequence[Axis], points: FloatArray) -> FloatArray:
+        """Return the targets (3 T,) [m] in the flange frame, from axes and targets in the tracker's frame."""
+        return transform_points(flange.place(axes, points).inverse(), points).ravel()
 
     T = base.transform_tracker_to_base
-    axes = [axis.moved(T) for axis in identified.axes]
-    if nominal is not None:  # the lines stay; only the point stated on each line moves near the nominal joint
+    axes = [axis.transform(T) for axis in identified.axes]
+    if nominal is not None:  # keep each line, but represent it by its point nearest to the nominal joint
         expected, _ = _checked_nominal_axes(nominal, len(axes))
         pairs = zip(axes, expected, strict=True)
-        axes = [axis.placed_near(other.point) for axis, other in pairs]
+        axes = [axis.represent_near(other.point) for axis, other in pairs]
     placed = T * flange.place(identified.axes, identified.targets)
     # The chain of these axes, with the names and limits of the nominal model if there is one
-    names = joint_names(nominal, len(axes))
+    names = name_joints(nominal, len(axes))
     links = [f"link_{i + 1}" for i in range(len(axes))]
     limits: list[tuple[float, float] | None] = [None] * len(axes)
     base_link, end = "base", "flange"
@@ -668,18 +694,18 @@ def identify_model(
     joints.append(ChainJoint(f"{names[-1]}_flange", "fixed", placed.rotation, step, z, None, end))
     return IdentifiedModel(
         chain=KinematicChain(name, base_link, end, tuple(joints)),
-        targets_in_flange=in_flange(identified.axes, identified.targets).reshape(-1, 3),
-        targets_covariance=identified.covariances(identified.jacobian_of(in_flange)),
+        targets_in_flange=locate_in_flange(identified.axes, identified.targets).reshape(-1, 3),
+        targets_covariance=identified.covariances(identified.jacobian_of(locate_in_flange)),
     )
 
 
-def joint_names(nominal: KinematicChain | None, n: int) -> tuple[str, ...]:
+def name_joints(nominal: KinematicChain | None, n: int) -> tuple[str, ...]:
     """Return the names of n joints: those of the nominal model, or joint_1, joint_2, … without a model."""
     return tuple(f"joint_{i + 1}" for i in range(n)) if nominal is None else nominal.joint_names
 
 
 def _checked_nominal_axes(nominal: KinematicChain, n: int) -> tuple[tuple[Axis, ...], pin.SE3]:
-    """Return the n axes of a nominal model and its transform from flange to R0, at angle zero.
+    """Return the n axes of a nominal model in R0, and its transform from flange to R0, both at angle zero.
 
     Raises:
         RobotError: the model has another number of revolute joints than n.
@@ -700,18 +726,18 @@ class LinkGeometry:
 
     a: FloatArray  #: (n - 1,) distances of neighbours along x [m], signed
     alpha: FloatArray  #: (n - 1,) twists about x [rad]
-    beta: FloatArray  #: (n - 1,) the other angle of neighbours meant to be parallel [rad]; 0 for others
+    beta: FloatArray  #: (n - 1,) second angle between neighbours meant to be parallel [rad]; 0 for other axes
     d: FloatArray  #: (n,) offsets along the axes, the first from frame 0, the last to the flange's origin [m]
     theta: FloatArray  #: (n,) angles about the axes at model angle zero, from frame 0 to frame n [rad]
-    base: pin.SE3  #: from frame 0, whose z is axis 1, to the frame in which the axes are given
-    tool: pin.SE3  #: from the flange frame to frame n, whose z is axis n
+    base: pin.SE3  #: transform from frame 0, whose z is axis 1, to the frame of the axes
+    tool: pin.SE3  #: transform from the flange frame to frame n, whose z is axis n
     #: (n - 1,) senses of the perpendiculars x relative to z_i × z_{i+1}, or between parallel axes relative to
     #: the direction from one to the other
     signs: tuple[float, ...]
 
     @property
-    def numbers(self) -> FloatArray:
-        """Vector (5 n - 3,) of all a, then alpha, beta, d and theta."""
+    def parameters(self) -> FloatArray:
+        """Vector (5 n - 3,) of all a, then all alpha, beta, d and theta."""
         return np.concatenate([self.a, self.alpha, self.beta, self.d, self.theta])
 
 
@@ -724,7 +750,7 @@ def compute_link_geometry(
     """Compute lengths, twists, offsets and angles of the links between neighbouring axes.
 
     Args:
-        axes: n at model angle zero, in R0.
+        axes: n axes at model angle zero, in R0.
         flange: transform from the flange frame to R0 at model angle zero.
         parallel: (n - 1,) which neighbours are meant to be parallel.
         signs: (n - 1,) senses of the perpendiculars, see `LinkGeometry.signs`; if None, each points towards
@@ -766,9 +792,9 @@ def compute_link_geometry(
 
 
 def _unit_normal_part(vector: FloatArray, normal: FloatArray, instead: FloatArray) -> FloatArray:
-    """Return the unit vector (3,) along the part of `vector`, or else of `instead`, across `normal`.
+    """Return the normalised part (3,) of `vector` that is perpendicular to the unit vector `normal`.
 
-    `instead` is taken where `vector` is nearly along the unit vector `normal`.
+    Where `vector` is nearly parallel to `normal`, the vector `instead` replaces `vector`.
     """
     part = vector - normal * float(vector @ normal)
     if np.linalg.norm(part) < 0.5:
@@ -785,12 +811,10 @@ def _signed_angle(first: FloatArray, second: FloatArray, about: FloatArray) -> f
 def compare_links(
     identified: IdentifiedAxes, base: BaseFrame, flange: FlangeConvention, nominal: KinematicChain
 ) -> list[LinkComparison]:
-    """Compare the link parameters of the nominal model with the identified ones.
+    """Compare the link parameters of the nominal model with the identified link parameters.
 
-    Differences of angles are within ±π [rad].
-
-    Numbers that are conventions (where R0 is along and about axis 1, and the flange along and about the
-    last axis) are left out: a nominal model gives them, no measurement.
+    Differences of angles are within ±π [rad]. Omitted are d and theta of the first and the last joint, which
+    only express where R0 and the flange frame were placed.
 
     Raises:
         RobotError: the nominal model has another number of joints.
@@ -803,29 +827,30 @@ def compare_links(
     ]
     expected = compute_link_geometry(axes, nominal_flange, parallel)
 
-    def link_numbers(moved: Sequence[Axis], points: FloatArray) -> FloatArray:
-        """Return the link parameters (5 n - 3,) of axes and targets given in the tracker's frame."""
-        T = base.place(moved)
-        placed = T * flange.place(moved, points)
+    def link_parameters(axes: Sequence[Axis], points: FloatArray) -> FloatArray:
+        """Return the link parameters (5 n - 3,) in R0, from axes and targets in the tracker's frame."""
+        T = base.place(axes)
+        placed = T * flange.place(axes, points)
         return compute_link_geometry(
-            [axis.moved(T) for axis in moved], placed, parallel, expected.signs
-        ).numbers
+            [axis.transform(T) for axis in axes], placed, parallel, expected.signs
+        ).parameters
 
-    def changes_of_numbers(moved: Sequence[Axis], points: FloatArray) -> FloatArray:
-        """Return how much the link parameters (5 n - 3,) differ from the identified values.
+    def changes_of_parameters(axes: Sequence[Axis], points: FloatArray) -> FloatArray:
+        """Return the link parameters of displaced axes and targets, minus the identified values (5 n - 3,).
 
-        Arctangents remove full turns of angles; on lengths they do nothing, as steps are far below π.
+        The arctangent removes full turns from angles; it leaves lengths unchanged, as the differences are far
+        below π.
         """
-        gap = link_numbers(moved, points) - values
+        gap = link_parameters(axes, points) - values
         return np.arctan2(np.sin(gap), np.cos(gap))
 
-    values = link_numbers(identified.axes, identified.targets)
-    spread = identified.standard_uncertainties(identified.jacobian_of(changes_of_numbers))
+    values = link_parameters(identified.axes, identified.targets)
+    spread = identified.standard_uncertainties(identified.jacobian_of(changes_of_parameters))
     labels = [(q, i) for q in ("a", "alpha", "beta") for i in range(n - 1)]
     labels += [(q, i) for q in ("d", "theta") for i in range(n)]
     conventions = {(q, i) for q in ("d", "theta") for i in (0, n - 1)}
     conventions |= {("d" if pair else "beta", i) for i, pair in enumerate(parallel)}  # zero by definition
-    gaps = values - expected.numbers
+    gaps = values - expected.parameters
     return [
         LinkComparison(
             quantity=q,
@@ -837,7 +862,7 @@ def compare_links(
             standard_uncertainty=u if np.isfinite(u) else None,
         )
         for (q, joint), value, other, gap, u in zip(
-            labels, values, expected.numbers, gaps, spread, strict=True
+            labels, values, expected.parameters, gaps, spread, strict=True
         )
         if (q, joint) not in conventions
     ]
@@ -851,25 +876,25 @@ class NearlyParallel(NamedTuple):
     made_parallel: bool  # whether a table treats the axes as parallel
 
 
-def dh_table(
+def build_dh_table(
     chain: KinematicChain, convention: Convention, *, parallel_within: float = PARALLEL_WITHIN
 ) -> tuple[IdentifiedDh, list[NearlyParallel]]:
-    """Write a chain as a table: flange to R0 = base · T_1(q_1) … T_n(q_n) · tool.
+    """Convert a chain to a Denavit-Hartenberg table: flange to R0 = base · T_1(q_1) … T_n(q_n) · tool.
 
-    T_i are as in `solver.mechanics.robot.dh_chain`; base is the identity if z of R0 is axis 1, tool if
-    z of the flange is the last axis.
+    T_i is the transform of row i at joint angle q_i. `base` is the identity if z of R0 is axis 1, `tool` if z
+    of the flange is the last axis.
 
     Args:
-        chain: with revolute joints only.
+        chain: kinematic chain with revolute joints only.
         convention: standard, or modified (Craig).
-        parallel_within: neighbours at a smaller angle [rad] are made parallel; 0 for an exact table.
+        parallel_within: neighbouring axes at a smaller angle [rad] are made parallel; 0 gives an exact table.
 
     Returns:
-        The table, whose `deviation` is the greatest displacement of the flange by axes made parallel [m], and
-        the neighbouring axes that are nearly parallel.
+        The table, whose `deviation` [m] is the greatest displacement of the flange because axes were made
+        parallel; and the pairs of neighbouring axes that are nearly parallel.
     """
     axes, flange = chain_axes(chain)
-    used, pairs, made = [axes[0]], [], []
+    used, pairs, made_parallel = [axes[0]], [], []
     for i, axis in enumerate(axes[1:]):
         before = used[-1].direction
         sine = float(np.linalg.norm(cross(before, axis.direction)))
@@ -877,20 +902,23 @@ def dh_table(
         if sine < LEAST_SINE:
             angle = float(np.arcsin(sine))
             pairs.append(NearlyParallel(joint=chain.joint_names[i], angle=angle, made_parallel=replaced))
-        made.append(replaced)
+        made_parallel.append(replaced)
         sense = np.sign(before @ axis.direction)
         used.append(Axis.through(axis.point, sense * before) if replaced else axis)
-    geometry = compute_link_geometry(used, flange, made)
-    # A modified table has in row i the a and alpha of the link before axis i, a standard table those behind.
+    geometry = compute_link_geometry(used, flange, made_parallel)
+    # Row i of a modified table has a and alpha of the link before axis i; row i of a standard table has a and
+    # alpha of the link behind axis i.
     padding = (1, 0) if convention == "modified" else (0, 1)
     a, alpha = np.pad(geometry.a, padding), np.pad(geometry.alpha, padding)
     lower, upper = zip(*(joint.limits or (None, None) for joint in chain.moving), strict=True)
     angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSTURES, len(axes)))
-    # Where the exact axes and those of the table bring the flange, in random postures
+    # Places of the flange in random postures, with the exact axes and with the axes of the table
     places = [Motion(each, flange.translation[None], angles).points for each in (axes, used)]
     table = IdentifiedDh(
         convention=convention,
-        rows=rows(DhRow, a=a, alpha=alpha, d=geometry.d, theta=geometry.theta, lower=lower, upper=upper),
+        rows=build_messages(
+            DhRow, a=a, alpha=alpha, d=geometry.d, theta=geometry.theta, lower=lower, upper=upper
+        ),
         base=to_rigid(geometry.base),
         tool=to_rigid(geometry.tool),
         deviation=float(np.linalg.norm(places[0] - places[1], axis=-1).max()),

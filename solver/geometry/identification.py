@@ -23,7 +23,7 @@ import numpy as np
 from scipy import special
 
 from jointstiff.schemas import geometry as results
-from jointstiff.schemas.finding import Assessment, Finding, FindingCode, Verdict, combined
+from jointstiff.schemas.finding import Assessment, Finding, FindingCode, Verdict, combine_assessments
 from jointstiff.schemas.geometry import LinkComparison, SweepEvidence
 from jointstiff.schemas.robot import JointMap as StoredJointMap
 from jointstiff.schemas.robot import RobotDocument, UrdfModel
@@ -34,12 +34,12 @@ from jointstiff.solver.geometry.frames import (
     BaseTargets,
     FlangeConvention,
     NearlyParallel,
+    build_dh_table,
     compare_links,
-    dh_table,
     find_base_frame,
     find_wrist_centre,
     identify_model,
-    joint_names,
+    name_joints,
 )
 from jointstiff.solver.geometry.poses import Axis, CalibratedAxes, IdentifiedAxes, Poses, calibrate
 from jointstiff.solver.geometry.sweeps import (
@@ -58,7 +58,7 @@ from jointstiff.solver.mechanics.chain import Convention, KinematicChain
 from jointstiff.solver.mechanics.postures import WRIST_JOINTS, skew
 from jointstiff.solver.mechanics.robot import JointMap
 from jointstiff.solver.mechanics.urdf import write_urdf
-from jointstiff.solver.messages import rows, to_rigid
+from jointstiff.solver.messages import build_messages, to_rigid
 from jointstiff.solver.text import length_text
 
 AnomalyCode = Literal["tracker_bumped", "position_suspect", "reading_suspect"]
@@ -107,6 +107,7 @@ _WEIGHTS: Final[dict[FindingCode, Verdict]] = {
 
 
 def _make_finding(code: FindingCode, where: str, message: str, remedy: str) -> Finding:
+    """Return a finding with the weight of its code: `use_with_care` unless `_WEIGHTS` has another."""
     weight = _WEIGHTS.get(code, "use_with_care")
     return Finding(code=code, weight=weight, where=where, message=message, remedy=remedy)
 
@@ -115,7 +116,7 @@ def report_sweeps(identified: SweptAxes, whole: SweptAxes) -> Iterator[Finding]:
     """Yield suspicions about each sweep: anomalies, a short arc, implausible noise or angles.
 
     Args:
-        identified: axes of the sweeps, fitted one by one.
+        identified: axes from a separate fit of each sweep.
         whole: the fit of all sweeps together, whose residuals show how well the model describes the robot.
     """
     typical = float(np.median([fit.linear.rss / fit.dof for fit in identified.fits]))
@@ -132,7 +133,7 @@ def report_sweep(
     """Yield suspicions about one sweep; a clean sweep yields nothing.
 
     Args:
-        fit: the sweep, fitted by itself.
+        fit: the fit of this sweep alone.
         names: names of the targets.
         typical: variance of a residual in the other sweeps [m²]; smaller residuals are no anomaly.
         least: displacement [m] below which a bump is not reported.
@@ -188,7 +189,7 @@ _ANOMALIES: Final[dict[AnomalyCode, tuple[str, str]]] = {
 
 @dataclass(frozen=True, eq=False)
 class _Anomaly:
-    """Hypothesis that a bump, a position or a single reading displaced some readings of a sweep."""
+    """Hypothesis that some readings of a sweep are displaced: after a bump, in a position, or one reading."""
 
     code: AnomalyCode
     position: int  # index of the (first) position
@@ -198,7 +199,7 @@ class _Anomaly:
 
 @dataclass(frozen=True, eq=False)
 class _ExplainedReadings:
-    """Readings (K, T, 3) of a sweep with what the fit, and anomalies found so far, explain of them."""
+    """Readings of a sweep (K positions, T targets), and the part that fit and known anomalies explain."""
 
     points: FloatArray  # (K, T, 3) readings
     weight: FloatArray  # (K, T, 3, 3) whiteners of the readings
@@ -207,7 +208,7 @@ class _ExplainedReadings:
     dof: int  # degrees of freedom of the residuals
 
     def whitened_motion(self, anomaly: _Anomaly) -> FloatArray:
-        """Return how a unit of the hypothesis's motion displaces its M readings, whitened (M, 3, 3 or 6).
+        """Return the whitened displacements (M, 3, 3 or 6) of M readings for unit motions of a hypothesis.
 
         A single reading is translated; several readings are translated, then rotated about their mean, with
         the rotation scaled by their spread so that all columns are lengths.
@@ -226,7 +227,7 @@ class _ExplainedReadings:
 
         Returns:
             Eigenvalues (r,) and eigenvectors (c, r) of the normal matrix, and the residuals (r,) along the
-            eigenvectors; combinations of columns that the basis already explains are left out.
+            eigenvectors; combinations of columns that the basis already explains are omitted.
         """
         seen = np.einsum("mip,miq->pq", self.basis[readings], columns)
         square = np.einsum("mip,miq->pq", columns, columns)
@@ -235,7 +236,7 @@ class _ExplainedReadings:
         along = vectors[:, kept].T @ np.einsum("mip,mi->p", columns, self.residual[readings])
         return values[kept], vectors[:, kept], along
 
-    def f_test(self, anomaly: _Anomaly, typical: float) -> tuple[float, float]:
+    def compute_f_test(self, anomaly: _Anomaly, typical: float) -> tuple[float, float]:
         """Return the log of the F-test's p-value for a hypothesis, and the residual variance with it [m²]."""
         values, _, along = self.solve_projected(self.whitened_motion(anomaly), anomaly.readings)
         rank, left = len(values), self.dof - len(values)
@@ -247,14 +248,14 @@ class _ExplainedReadings:
         probability = float(special.fdtrc(rank, left, gain / rank / variance))
         return (math.log(probability) if probability > 0.0 else -math.inf), variance
 
-    def displacement(self, anomaly: _Anomaly, variance: float) -> float:
-        """Return how far [m] the suspected readings are translated; components within noise count as zero."""
+    def estimate_displacement(self, anomaly: _Anomaly, variance: float) -> float:
+        """Return the translation [m] of a hypothesis's readings; components within noise count as zero."""
         values, vectors, along = self.solve_projected(self.weight[anomaly.readings], anomaly.readings)
         clear = along**2 > _CLEAR**2 * variance * values
         return float(np.linalg.norm(vectors[:, clear] @ (along[clear] / values[clear])))
 
     def add_motion(self, anomaly: _Anomaly) -> _ExplainedReadings:
-        """Return the readings with the motion of a further hypothesis among what is explained."""
+        """Return the readings with the motion of a further anomaly added to the explained part."""
         columns = self.whitened_motion(anomaly)
         values, vectors, _ = self.solve_projected(columns, anomaly.readings)
         raw = np.zeros((*self.points.shape, len(values)))
@@ -270,12 +271,12 @@ def _find_anomalies(fit: AxisFit, typical: float) -> Iterator[tuple[_Anomaly, fl
 
     Args:
         fit: fit of the sweep.
-        typical: variance of a residual in the other sweeps [m²]; smaller residuals are taken for chance.
+        typical: variance of a residual in the other sweeps [m²]; smaller residuals count as noise.
 
     Yields:
         At most `MOST_ANOMALIES` tuples: the anomaly; the size of its displacement [m], without components
-        that another axis or angle would explain as well; and the probability that chance alone makes any
-        reading look so bad (p-value times the number of hypotheses).
+        that another axis or angle would explain as well; and the p-value times the number of hypotheses
+        tested (Bonferroni).
     """
     sweep, linear, present = fit.sweep, fit.linear, fit.sweep.present
     shape = sweep.points.shape
@@ -295,20 +296,21 @@ def _find_anomalies(fit: AxisFit, typical: float) -> Iterator[tuple[_Anomaly, fl
             for t in np.flatnonzero(present[k])
         )
     for _ in range(min(MOST_ANOMALIES, len(suspects))):
-        tests = [explained.f_test(anomaly, typical) for anomaly in suspects]
+        tests = [explained.compute_f_test(anomaly, typical) for anomaly in suspects]
         best = min(range(len(tests)), key=lambda index: tests[index][0])
         log_probability, variance = tests[best][0] + math.log(len(tests)), tests[best][1]
         if log_probability > math.log(FALSE_ALARM):
             break
         anomaly = suspects.pop(best)
-        yield anomaly, explained.displacement(anomaly, variance), math.exp(log_probability)
+        yield anomaly, explained.estimate_displacement(anomaly, variance), math.exp(log_probability)
         explained = explained.add_motion(anomaly)
 
 
 def report_disagreement(probability: float | None) -> Iterator[Finding]:
-    """Report that no single robot fits all sweeps, if the p-value of the common fit is too small.
+    """Report that one robot geometry does not fit all sweeps, if the p-value of the common fit is too small.
 
-    The p-value is of the F-test of the common fit against the sweeps fitted one by one; None reports nothing.
+    `probability` is the p-value of an F-test of the common fit against separate fits of the sweeps; None
+    reports nothing.
     """
     if probability is not None and probability < DISAGREEMENT:
         yield _make_finding(
@@ -322,7 +324,7 @@ def report_disagreement(probability: float | None) -> Iterator[Finding]:
 
 
 def report_calibration(calibrated: CalibratedAxes) -> Iterator[Finding]:
-    """Report residuals beyond the stated noise, and what the poses do not determine."""
+    """Report residuals that exceed the stated sigma, and unknowns that the poses do not determine."""
     if calibrated.exceeded_sigma is not None:
         yield _make_finding(
             "residuals_exceed_sigma",
@@ -355,8 +357,8 @@ def report_wrist_disagreement(wrist: results.WristResult) -> Iterator[Finding]:
             )
 
 
-def drift_findings(drift: results.Drift, targets: BaseTargets) -> Iterator[Finding]:
-    """Report that tracker and base moved against each other, and base targets that moved on their own."""
+def report_drift(drift: results.Drift, targets: BaseTargets) -> Iterator[Finding]:
+    """Report a motion between tracker and base, and base targets that moved relative to the others."""
     if drift.significant:
         size = float(np.linalg.norm(drift.displacement))
         direction = np.array(drift.displacement) / max(size, 1e-300)
@@ -387,7 +389,7 @@ def report_vague_parameters(
     pairs: Iterable[NearlyParallel],
     links: Sequence[LinkComparison],
 ) -> Iterator[Finding]:
-    """Report nearly parallel axes, whose table has huge numbers, and poorly determined link parameters.
+    """Report nearly parallel axes, for which the table has huge numbers, and poorly determined parameters.
 
     Args:
         names: names of the joints.
@@ -433,8 +435,8 @@ class Conventions:
 
     base: Literal["nominal", "axes"]  #: see `find_base_frame`
     flange: Literal["nominal", "axes", "targets"]  #: see `FlangeConvention`
-    height: float = 0.0  #: for `axes`, of the foot of the common perpendicular of axes 1 and 2 above R0 [m]
-    flange_targets: tuple[int, int, int] = (0, 1, 2)  #: for `targets`, indices of the three
+    height: float = 0.0  #: for base `axes`: height of the foot of the perpendicular above R0 [m]
+    flange_targets: tuple[int, int, int] = (0, 1, 2)  #: for flange `targets`: their indices
 
 
 def identify_from_sweeps(
@@ -451,12 +453,13 @@ def identify_from_sweeps(
 
     Args:
         sweeps: a sweep of each joint.
-        conventions: where R0 and the flange frame are.
+        conventions: how R0 and the flange frame are placed.
         nominal: model of the robot; needed where a convention refers to the nominal model.
         name: name of the identified robot.
-        fit: `together` fits all sweeps at once; see `refine_axes`. If the sweeps disagree, the result is of
-            `one_by_one`, with a finding. `one_by_one` depends least on the controller's repeatability.
-        angles: see `fit_axis`.
+        fit: `together` fits all sweeps at once; if the sweeps then disagree, a finding says so and the
+            separate fits are used. `one_by_one` fits each sweep separately.
+        angles: `free` estimates each position's angle of the turned joint from the readings; `controller`
+            uses the controller's angles.
         base_targets: targets on the robot's base, read before and after the sweeps.
 
     Raises:
@@ -476,18 +479,19 @@ def identify_from_sweeps(
         # Uneven gears: the uncertainties must include errors of the joint angles at rest.
         columns, joints = propagate_resting_angle_errors(free)
         identified = _widen_uncertainties(chosen, columns)
-        # The wrist centre is stated where the arm held it, so that only errors of the wrist's angles matter.
+        # The wrist centre is computed in the posture of the wrist's sweeps, in which the arm's joints rested:
+        # only errors of the wrist joints' angles affect it.
         of_wrist = np.array(joints, dtype=int) >= sweeps.joint_map.n - WRIST_JOINTS
         wrist_axes = _widen_uncertainties(chosen, columns[:, of_wrist])
-    names = joint_names(nominal, sweeps.joint_map.n)
+    names = name_joints(nominal, sweeps.joint_map.n)
     evidence = []
     for one in alone.fits:
-        radial, axial = one.residual_rms()
+        radial, axial = one.compute_residual_rms()
         deviation = np.sqrt(np.mean(one.angle_deviation**2)) if one.angle_deviation.any() else None
         evidence.append(
             SweepEvidence(
                 joint=one.sweep.name,
-                turned=[names[index] for index in sweeps.turning(one.sweep)],
+                turned=[names[index] for index in sweeps.find_turning_joints(one.sweep)],
                 positions=len(one.sweep),
                 arc=one.arc,
                 radial_rms=dict(zip(sweeps.targets, radial, strict=True)),
@@ -525,10 +529,12 @@ def identify_from_poses(
     name: str = "identified",
     base_targets: BaseTargets | None = None,
 ) -> results.GeometryResult:
-    """Identify a robot from unloaded poses, starting from a nominal model; see `identify_from_sweeps`.
+    """Identify a robot's kinematics from unloaded poses, starting from a nominal model.
+
+    The arguments are described at `identify_from_sweeps`.
 
     Raises:
-        InputError: the poses contradict the nominal model, or have too little in them.
+        InputError: the poses contradict the nominal model, or contain too few readings.
         NotObservableError: fewer readings than unknowns.
     """
     identified = calibrate(nominal, poses)
@@ -558,21 +564,21 @@ def _assemble_result(
 ) -> results.GeometryResult:
     """Compute base frame, model, tables, wrist centre and drift from the axes, and collect the findings.
 
-    The evidence of sweeps is left empty for the caller to fill in. `wrist_axes` are the axes with the
-    uncertainties that count for the wrist centre.
+    The fields that only sweeps have (`sweeps`, `fit`, p-values) are left empty for the caller to fill in.
+    `wrist_axes` are the same axes with the uncertainties that apply to the wrist centre.
     """
     flange = FlangeConvention(conventions.flange_targets if conventions.flange == "targets" else None)
     if conventions.flange == "nominal" and nominal is not None:
-        flange = FlangeConvention.of_chain(nominal)
+        flange = FlangeConvention.from_chain(nominal)
     placing = nominal if conventions.base == "nominal" else None
     base = find_base_frame(identified, placing, height=conventions.height)
     model = identify_model(identified, base, flange, nominal=nominal, name=name)
-    standard, pairs = dh_table(model.chain, "standard")
-    modified, _ = dh_table(model.chain, "modified")
+    standard, pairs = build_dh_table(model.chain, "standard")
+    modified, _ = build_dh_table(model.chain, "modified")
     links = [] if nominal is None else compare_links(identified, base, flange, nominal)
     listed = list(findings)
     wrist, no_wrist, drift = None, None, None
-    if wrist_axes.unseen.size:
+    if wrist_axes.undetermined.size:
         no_wrist = "the poses do not determine all axes"
     else:
         try:
@@ -583,15 +589,15 @@ def _assemble_result(
         except np.linalg.LinAlgError:
             no_wrist = "the uncertainty of the wrist centre is too large"
     if base_targets is not None:
-        drift = base_targets.drift(identified.sigma, identified.targets.mean(axis=0))
-        listed += drift_findings(drift, base_targets)
+        drift = base_targets.fit_drift(identified.sigma, identified.targets.mean(axis=0))
+        listed += report_drift(drift, base_targets)
     listed += report_vague_parameters(model.chain.joint_names, "standard", pairs, links)
     reasons = [finding for finding in listed if finding.weight != "use"]
     calibrated = identified if isinstance(identified, CalibratedAxes) else None
     by_residuals = readings.sigma is None or (calibrated and calibrated.exceeded_sigma is not None)
     return results.GeometryResult(
         joint_kinds={},
-        assessment=combined([Assessment(verdict=each.weight, reasons=[each]) for each in reasons]),
+        assessment=combine_assessments([Assessment(verdict=each.weight, reasons=[each]) for each in reasons]),
         axes=_place_axes(base, model.chain.joint_names),
         sweeps=[],
         fit=None,
@@ -607,7 +613,7 @@ def _assemble_result(
         transform_covariance=identified.covariances(base.jacobian, 6)[0],
         wrist=wrist,
         no_wrist=no_wrist,
-        targets=rows(
+        targets=build_messages(
             results.FlangeTarget,
             name=identified.names,
             position=model.targets_in_flange,
@@ -630,18 +636,18 @@ def _place_axes(base: BaseFrame, names: Sequence[str]) -> list[results.Identifie
         names: (n,) names of the joints.
     """
     identified = base.identified
-    in_base = [axis.moved(base.place(identified.axes)) for axis in identified.axes]
+    in_base = [axis.transform(base.place(identified.axes)) for axis in identified.axes]
 
     def axis_coordinates(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
-        """Return (6 n,): a point of each axis, nearest to the identified axis's point, and the direction."""
+        """Return a point and the direction of each axis (6 n,); points are nearest to the identified ones."""
         pairs = zip(axes, identified.axes, strict=True)
         return np.ravel([[axis.nearest(other.point), axis.direction] for axis, other in pairs])
 
     covariances = identified.covariances(identified.jacobian_of(axis_coordinates)).reshape(-1, 2, 3, 3)
-    seen = np.isfinite(covariances).all(axis=(-2, -1))
-    greatest = np.full(seen.shape, np.nan)  # standard uncertainty in any direction
-    greatest[seen] = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances[seen])[:, -1], 0.0))
-    return rows(
+    is_determined = np.isfinite(covariances).all(axis=(-2, -1))
+    greatest = np.full(is_determined.shape, np.nan)  # standard uncertainty in any direction
+    greatest[is_determined] = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances[is_determined])[:, -1], 0.0))
+    return build_messages(
         results.IdentifiedAxis,
         name=names,
         point=[axis.point for axis in in_base],
@@ -652,7 +658,7 @@ def _place_axes(base: BaseFrame, names: Sequence[str]) -> list[results.Identifie
 
 
 def _describe_robot(name: str, chain: KinematicChain, joint_map: JointMap) -> RobotDocument:
-    """Return the document of a robot: its chain as URDF, and its joint map unless that is the identity."""
+    """Return the document of a robot: the chain as URDF, and the joint map unless it is the identity."""
     model = UrdfModel(format="urdf", urdf=write_urdf(chain), base=chain.base, flange=chain.flange)
     plain = np.array_equal(joint_map.matrix, np.eye(joint_map.n)) and not joint_map.offset.any()
     stored = StoredJointMap(matrix=joint_map.matrix.tolist(), offset=joint_map.offset.tolist())
@@ -660,7 +666,7 @@ def _describe_robot(name: str, chain: KinematicChain, joint_map: JointMap) -> Ro
 
 
 def _widen_uncertainties(identified: SweptAxes, columns: FloatArray) -> SweptAxes:
-    """Return axes whose uncertainties include further, independent displacements (4 n + 3 T, G)."""
+    """Return the axes with the covariance of G independent displacements (4 n + 3 T, G) added."""
     return replace(
         identified,
         covariance=identified.covariance + columns @ columns.T,
@@ -669,7 +675,7 @@ def _widen_uncertainties(identified: SweptAxes, columns: FloatArray) -> SweptAxe
 
 
 def _refuse_vanishing_sigma(identified: IdentifiedAxes) -> None:
-    """Refuse readings whose residuals are zero: they are simulated, and every covariance would vanish.
+    """Refuse readings with residuals of zero: such readings are simulated, and all covariances would be zero.
 
     Raises:
         MeasurementError: sigma is at most `LEAST_SIGMA`.

@@ -19,10 +19,10 @@ one frame become y = R x + t in the other; one is uncertain by a small motion (�
 ``y = (I + [φ]×)(R x + t) + δ``.
 
 `minimise` is a damped Gauss-Newton for small non-linear least squares on such curved spaces. The state may
-be anything with a `stepped` function; the Jacobian is taken in the chart at the state itself. At the minimum
-the linearised fit is kept: it carries covariance, rank and what each reading does to each unknown. Unknowns
-that belong to one group of readings each, such as the angle of one position, are eliminated group by group:
-their number costs nothing.
+be anything with a `take_step` function; the Jacobian is taken in the chart at the state itself. At the
+minimum the linearised fit is kept: it carries covariance, rank and what each reading does to each unknown.
+Unknowns that belong to one group of readings each, such as the angle of one position, are eliminated group by
+group: their number costs nothing.
 """
 
 from __future__ import annotations
@@ -73,8 +73,10 @@ _UNDETERMINED = 1e-6
 """Share of an unknown in an unobservable direction above which it is not determined."""
 
 
-def stated_transform(rotation: FloatArray, translation: FloatArray) -> pin.SE3:
-    """Return the transform with a rotation (3, 3) stated to some digits, which is made orthonormal.
+def orthonormalise_transform(rotation: FloatArray, translation: FloatArray) -> pin.SE3:
+    """Return the transform with a rotation (3, 3) made exactly orthonormal and a translation (3,) [m].
+
+    The rotation is a user's, stated to a limited number of digits.
 
     Raises:
         MeasurementError: the matrix is not a rotation.
@@ -92,20 +94,23 @@ def stated_transform(rotation: FloatArray, translation: FloatArray) -> pin.SE3:
     return pin.SE3(U @ Vt, translation)
 
 
-def transformed(transform: pin.SE3, points: FloatArray) -> FloatArray:
-    """Return points (..., 3) [m] transformed to the frame to which the transform leads."""
+def transform_points(transform: pin.SE3, points: FloatArray) -> FloatArray:
+    """Return points (..., 3) [m] mapped by a rigid transform: ``R x + t``."""
     return np.asarray(points @ transform.rotation.T + transform.translation)
 
 
 def build_right_handed_frame(x: FloatArray, z: FloatArray, origin: FloatArray) -> pin.SE3:
-    """Return the transform from a frame given by unit vectors x (3,), z (3,), and an origin (3,) [m]."""
+    """Return the transform from the frame with unit vectors x (3,), z (3,) and origin (3,) [m].
+
+    x, z and the origin are given in the target frame of the transform; y = z × x.
+    """
     return pin.SE3(np.column_stack([x, cross(z, x), z]), origin)
 
 
-def motion_matrix(points: FloatArray) -> FloatArray:
-    """Return the matrix (..., 3, 6) that takes a small motion to the displacement of points (..., 3) [m].
+def differentiate_by_rigid_motion(points: FloatArray) -> FloatArray:
+    """Return the derivative (..., 3, 6) of points (..., 3) [m] with respect to a small rigid motion.
 
-    The small motion is a translation [m], then a rotation vector [rad].
+    The motion is a translation [m], then a rotation vector [rad], about the origin.
     """
     eye = np.broadcast_to(np.eye(3), (*points.shape, 3))
     return np.concatenate([eye, -skew(points)], axis=-1)
@@ -151,21 +156,23 @@ class Axis:
         return np.asarray(self.point + distance * self.direction)
 
     def nearest(self, point: FloatArray) -> FloatArray:
-        """Return the point (3,) of the axis that is nearest to a given point (3,) [m]."""
+        """Return the point (3,) of the axis that is nearest to `point` (3,) [m]."""
         return self.at(float((point - self.point) @ self.direction))
 
-    def placed_near(self, point: FloatArray) -> Axis:
-        """Return the same line, stated at the point of the line that is nearest to a given point (3,) [m]."""
+    def represent_near(self, point: FloatArray) -> Axis:
+        """Return the same line, represented by its point that is nearest to `point` (3,) [m]."""
         return Axis(pin.SE3(self.frame, self.nearest(point)))
 
-    def displaced(self, chart: FloatArray) -> Axis:
-        """Return the axis displaced by coordinates (4,) of this axis's chart [m, m, rad, rad]."""
+    def displace(self, chart: FloatArray) -> Axis:
+        """Return the axis displaced by chart coordinates (x, y, α, β) (4,) of this axis [m, m, rad, rad]."""
         x, y, alpha, beta = chart.tolist()
         turn = pin.exp3(np.array([alpha, beta, 0.0]))
         return Axis(self.place * pin.SE3(turn, np.array([x, y, 0.0])))
 
     def chart(self, other: Axis) -> FloatArray:
-        """Return the coordinates (4,) of another axis in this axis's chart; inverse of `displaced`.
+        """Return the coordinates (x, y, α, β) (4,) of another axis in this axis's chart [m, m, rad, rad].
+
+        Displacing this axis by them gives the other axis.
 
         The other axis must not be perpendicular to this axis.
         """
@@ -176,50 +183,54 @@ class Axis:
         stretch = np.arctan2(sine, w[2]) / sine if sine > 0.0 else 1.0
         return np.array([x, y, -w[1] * stretch, w[0] * stretch])
 
-    def moved(self, motion: pin.SE3) -> Axis:
+    def transform(self, motion: pin.SE3) -> Axis:
         """Return the axis after a rigid motion, or in another frame; chart coordinates stay the same."""
         return Axis(motion * self.place)
 
 
 @dataclass(frozen=True, eq=False)
 class LinearFit:
-    """The linearised least squares problem ``min ‖r − J δ‖`` by its singular value decomposition.
+    """Linearised least-squares problem ``min ‖r − J δ‖``, solved using a singular value decomposition of J.
 
     Columns are scaled to unit norm first, so that metres and radians do not decide the rank.
     """
 
     residual: FloatArray  #: (m,) r
     left: FloatArray  #: (m, k) orthonormal basis U of the range of J, k the rank
-    #: (p, k) with δ = inverse Uᵀ r; of minimum norm in scaled unknowns where J is deficient
+    #: (p, k) matrix with δ = inverse Uᵀ r; where J is rank deficient, δ has minimum norm in scaled unknowns
     inverse: FloatArray
-    unseen: FloatArray  #: (p, p - k) orthonormal combinations of scaled unknowns that r does not determine
+    #: (p, p - k) orthonormal combinations of scaled unknowns that r does not determine
+    undetermined: FloatArray
     scale: FloatArray  #: (p,) norms of the columns of J; 1 for a null column
-    #: the unknowns of single groups of readings, if there are any; they are no part of the others
+    #: unknowns that each affect one group of readings only, eliminated from the p unknowns; None without any
     own: OwnUnknowns | None = None
 
     @classmethod
-    def of(cls, residual: FloatArray, jacobian: FloatArray, by_own: FloatArray | None = None) -> LinearFit:
+    def from_derivatives(
+        cls, residual: FloatArray, jacobian: FloatArray, by_own: FloatArray | None = None
+    ) -> LinearFit:
         """Build the fit by singular value decomposition, after a QR that is cheaper for many readings.
 
         Args:
-            residual: (m,) whitened.
-            jacobian: (m, p) of the prediction, whitened.
-            by_own: (G, m / G) derivative of each group of readings by its own unknown, whitened.
+            residual: (m,) whitened residuals r.
+            jacobian: (m, p) whitened derivative J of the prediction with respect to p unknowns.
+            by_own: (G, m / G) whitened derivative of each of G groups of readings with respect to an unknown
+                that affects this group only.
         """
         if by_own is not None:
-            own = OwnUnknowns.of(residual, jacobian, by_own)
-            return replace(cls.of(own.without(residual), own.without(jacobian)), own=own)
+            own = OwnUnknowns.from_derivatives(residual, jacobian, by_own)
+            return replace(cls.from_derivatives(own.without(residual), own.without(jacobian)), own=own)
         unit, scale = unit_columns(jacobian)
         Q, R = np.linalg.qr(unit)
         U, s, Vt = np.linalg.svd(R, full_matrices=False)
         rank = int((s > _RANK_TOLERANCE * s[0]).sum()) if s.size and s[0] > 0.0 else 0
-        seen = Vt[:rank].T
-        unseen = np.linalg.svd(seen)[0][:, rank:] if rank < len(scale) else np.zeros((rank, 0))
-        return cls(residual, Q @ U[:, :rank], seen / s[:rank] / scale[:, None], unseen, scale)
+        determined = Vt[:rank].T
+        undetermined = np.linalg.svd(determined)[0][:, rank:] if rank < len(scale) else np.zeros((rank, 0))
+        return cls(residual, Q @ U[:, :rank], determined / s[:rank] / scale[:, None], undetermined, scale)
 
     @property
     def pseudo_inverse(self) -> FloatArray:
-        """Derivative (p, m) of the unknowns by the whitened readings."""
+        """Derivative (p, m) of the unknowns with respect to the whitened readings."""
         return np.asarray(self.inverse @ self.left.T)
 
     @property
@@ -239,8 +250,8 @@ class LinearFit:
         return float(self.residual @ self.residual)
 
     def determines(self, unknowns: slice) -> bool:
-        """Return whether the readings determine all of these unknowns, one by one."""
-        return bool((np.linalg.norm(self.unseen[unknowns], axis=1) < _UNDETERMINED).all())
+        """Return whether the readings determine every one of these unknowns."""
+        return bool((np.linalg.norm(self.undetermined[unknowns], axis=1) < _UNDETERMINED).all())
 
     def step(self, damping: float = 0.0) -> FloatArray:
         """Return the least squares step (p + G,): δ of the p unknowns, then the groups' own unknowns.
@@ -263,16 +274,25 @@ class LinearFit:
 
 @dataclass(frozen=True, eq=False)
 class OwnUnknowns:
-    """Unknowns that each move the readings of one group only."""
+    """Unknowns that each affect the readings of one group only; G groups of m / G readings."""
 
-    directions: FloatArray  #: (G, m / G) unit vectors of the readings' derivatives; null where there is none
-    norms: FloatArray  #: (G,) norms of these derivatives; 1 for a null one
+    directions: (
+        FloatArray  #: (G, m / G) unit vectors along the readings' derivatives; zero for a zero derivative
+    )
+    norms: FloatArray  #: (G,) norms of these derivatives; 1 for a zero derivative
     along: FloatArray  #: (G,) residual along the directions
-    others: FloatArray  #: (G, p) the same part of the derivative by the other unknowns
+    #: (G, p) component along the directions of the derivative with respect to p other unknowns
+    others: FloatArray
 
     @classmethod
-    def of(cls, residual: FloatArray, jacobian: FloatArray, by_own: FloatArray) -> OwnUnknowns:
-        """Build the own unknowns of groups of readings from the arguments of `LinearFit.of`."""
+    def from_derivatives(cls, residual: FloatArray, jacobian: FloatArray, by_own: FloatArray) -> OwnUnknowns:
+        """Build the unknowns of G groups of readings from whitened residuals and derivatives.
+
+        Args:
+            residual: (m,) whitened residuals.
+            jacobian: (m, p) whitened derivative of the prediction with respect to the other p unknowns.
+            by_own: (G, m / G) whitened derivative of each group with respect to its own unknown.
+        """
         norms = np.linalg.norm(by_own, axis=1)
         norms = np.where(norms > 0.0, norms, 1.0)
         directions = by_own / norms[:, None]
@@ -291,14 +311,14 @@ def minimise(
     state: State,
     residual: Callable[[State], FloatArray],
     jacobian: Callable[[State], FloatArray],
-    stepped: Callable[[State, FloatArray], State],
+    take_step: Callable[[State, FloatArray], State],
     *,
     where: str,
     by_own: Callable[[State], FloatArray] | None = None,
     size: float = 0.0,
     enough: float = 0.0,
 ) -> tuple[State, LinearFit]:
-    """Minimise ``‖residual(state)‖²``, damping steps that go too far (Levenberg and Marquardt).
+    """Minimise ``‖residual(state)‖²`` using Gauss-Newton steps, damped where needed (Levenberg-Marquardt).
 
     The iteration ends when a step would change the prediction by less than 1e-9 of the residual or by less
     than rounding, or when no step lowers the residual any more because of rounding.
@@ -307,11 +327,11 @@ def minimise(
         state: to start from.
         residual: function that returns whitened readings minus prediction (m,) at a state.
         jacobian: function that returns the derivative (m, p) of the prediction, in the chart at a state.
-        stepped: function that returns the state after a step (p,), or (p + G,) with `by_own`.
-        where: place of the readings, for the message.
-        by_own: function that returns the derivative (G, m / G) of each group of readings by the unknown of
-            that group alone; None without own unknowns.
-        size: norm of the whitened readings, whose rounding no fit explains.
+        take_step: function that returns the state after a step (p,), or (p + G,) with `by_own`.
+        where: name of the readings in the error.
+        by_own: function that returns the derivative (G, m / G) of each group of readings with respect to an
+            unknown that affects this group only; None without such unknowns.
+        size: norm of the whitened readings: steps below their rounding errors end the iteration.
         enough: residual [rms] below which a slow fit counts as converged.
 
     Returns:
@@ -322,12 +342,12 @@ def minimise(
     """
     r = residual(state)
     for _ in range(_MOST_STEPS):
-        linear = LinearFit.of(r, jacobian(state), None if by_own is None else by_own(state))
+        linear = LinearFit.from_derivatives(r, jacobian(state), None if by_own is None else by_own(state))
         if linear.explained <= max(_CONVERGED * float(np.linalg.norm(r)), _ROUNDING * size):
             return state, linear
         damping = 0.0
         for _ in range(_MOST_TRIALS):
-            trial = stepped(state, linear.step(damping))
+            trial = take_step(state, linear.step(damping))
             shorter = residual(trial)
             if shorter @ shorter < r @ r:
                 break
@@ -351,7 +371,7 @@ Geometry = Callable[[Sequence[Axis], FloatArray], FloatArray]
 LEAST_REACH, MOST_REACH = 1e-2, 50.0
 """Displacements of a target [m] that no robot's readings stay below, or exceed: the unit is wrong."""
 
-_HIDDEN = 1e-6  # share of a quantity in unseen combinations, above which it is not determined
+_HIDDEN = 1e-6  # share of a quantity in undetermined combinations, above which it is not determined
 _STEP = 1e-6  # of the difference quotients [m, rad]: both truncation and rounding are some 1e-10
 _BEYOND_NOISE = 1e-6  # probability of chance below which residuals exceed the stated sigma
 _NAMED = 0.1  # least share of an unknown in a combination for which it is named
@@ -368,10 +388,10 @@ class TrackedReadings:
         MeasurementError: shapes disagree, or a number is not finite.
     """
 
-    angles: FloatArray  #: (N, n) as the controller shows them [rad]
+    angles: FloatArray  #: (N, n) controller's joint angles [rad]
     points: FloatArray  #: (N, T, 3) tracker's frame [m]; anything where absent
     present: BoolArray  #: (N, T) True for targets that were read
-    #: (3, 3) or (N, T, 3, 3) of the readings in units of sigma²
+    #: (3, 3) or (N, T, 3, 3) covariance of the readings in units of sigma²
     covariance: FloatArray = field(default_factory=lambda: np.eye(3), kw_only=True)
 
     def __post_init__(self) -> None:
@@ -418,7 +438,7 @@ class TrackedReadings:
 
 @dataclass(frozen=True, eq=False)
 class Poses(TrackedReadings):
-    """Unloaded readings in N configurations, T targets. Arrays are checked and made read-only.
+    """Unloaded poses of N configurations with T targets, for calibration. Arrays are made read-only.
 
     Raises:
         MeasurementError: shapes disagree, a number is not finite, sigma is not positive, or the unit of
@@ -443,12 +463,14 @@ class Poses(TrackedReadings):
     def whitened(self) -> PoseReadings:
         """Readings at the model's joint angles, with whiteners in units of 1/sigma, for `fit_poses`."""
         angles = self.joint_map.model_angles(self.angles)
-        none = np.zeros((len(angles), 0))
-        return PoseReadings(angles, self.read, self.weight, slopes=np.zeros_like(angles), basis=none)
+        no_corrections = np.zeros((len(angles), 0))
+        return PoseReadings(
+            angles, self.read, self.weight, slopes=np.zeros_like(angles), basis=no_corrections
+        )
 
 
 def refuse_wrong_units(sigma: float | None, reach: float) -> None:
-    """Refuse a sigma that is not positive, and readings that only make sense in another unit of length.
+    """Refuse a sigma that is not positive, and readings that are plausible only in another unit of length.
 
     Args:
         sigma: standard uncertainty of a coordinate [m]; None if unknown.
@@ -461,28 +483,29 @@ def refuse_wrong_units(sigma: float | None, reach: float) -> None:
         raise MeasurementError(
             f"sigma must be positive, but is {sigma}", where="noise.sigma", remedy="give a positive length"
         )
-    other = reach / 1e3 if reach > 1.0 else 1e3 * reach  # what does not move at all fits no unit
+    # Targets that hardly move are implausible in either unit: another check reports them.
+    other = reach / 1e3 if reach > 1.0 else 1e3 * reach
     if LEAST_REACH <= reach <= MOST_REACH or other < LEAST_REACH:
         return
     shown = f"{reach:,.0f} m" if reach > 1.0 else f"{1e3 * reach:.2g} mm"
-    given, meant = ("m", "mm") if reach > 1.0 else ("mm", "m")
+    declared, meant = ("m", "mm") if reach > 1.0 else ("mm", "m")
     raise MeasurementError(
         f"no target moves farther than {shown}" if reach < 1.0 else f"a target moves by {shown}",
         where="units.length",
-        remedy=f"check units.length: positions in {meant} seem to be declared in {given}",
+        remedy=f"check units.length: positions in {meant} seem to be declared in {declared}",
     )
 
 
 @dataclass(frozen=True, eq=False)
 class PoseReadings:
-    """Readings in N configurations with their whiteners, and which corrections of angles are estimated."""
+    """Readings in N configurations with their whiteners, and the corrections of joint angles to estimate."""
 
     angles: FloatArray  #: (N, n) angles of the model [rad]
     points: FloatArray  #: (N, T, 3) tracker's frame [m]; zero where absent
     weight: FloatArray  #: (N, T, 3, 3) whiteners in units of 1/sigma; zero where absent
-    slopes: FloatArray  #: (N, n) derivative of the model angles by the correction of a configuration
-    #: (N, F) combinations of the N corrections that are estimated. None estimates each correction by itself,
-    #: eliminated from the readings of its configuration
+    slopes: FloatArray  #: (N, n) derivative of the angles with respect to the configuration's correction
+    #: (N, F) combinations of the N corrections that are estimated. None estimates each correction separately,
+    #: by elimination from the readings of its configuration
     basis: FloatArray | None
 
 
@@ -490,7 +513,7 @@ class PoseReadings:
 class PoseState:
     """Unknowns of `fit_poses`: axes, targets and corrections of angles."""
 
-    axes: tuple[Axis, ...]  #: n at angle zero, tracker's frame
+    axes: tuple[Axis, ...]  #: n axes at angle zero, tracker's frame
     targets: FloatArray  #: (T, 3) at angle zero, tracker's frame [m]
     corrections: FloatArray  #: (N,) corrections of the angles [rad]
 
@@ -498,19 +521,19 @@ class PoseState:
         """Return the places of axes and targets in the readings' configurations, at corrected angles."""
         return Motion(self.axes, self.targets, readings.angles + self.corrections[:, None] * readings.slopes)
 
-    def displaced(self, step: FloatArray) -> PoseState:
+    def displace(self, step: FloatArray) -> PoseState:
         """Return the state after a step (4 m + 3 T,): charts of the first m axes, then all targets [m]."""
         moves = step[: len(step) - self.targets.size].reshape(-1, CHART_SIZE)
-        axes = tuple(axis.displaced(move) for axis, move in zip(self.axes, moves, strict=False))
+        axes = tuple(axis.displace(move) for axis, move in zip(self.axes, moves, strict=False))
         targets = self.targets + step[CHART_SIZE * len(moves) :].reshape(-1, 3)
         return replace(self, axes=axes + self.axes[len(moves) :], targets=targets)
 
 
-def arm_of(axes: Sequence[Axis], places: Sequence[pin.SE3], flange: pin.SE3) -> Robot:
-    """Return the robot whose joints turn about these axes.
+def build_arm(axes: Sequence[Axis], places: Sequence[pin.SE3], flange: pin.SE3) -> Robot:
+    """Build the robot whose joints turn about these axes.
 
     Args:
-        axes: n at model angle zero, base first.
+        axes: n axes at model angle zero, base first.
         places: n frames that move with the joints, at model angle zero, in the frame of the axes.
         flange: placement of the flange frame at model angle zero, in the frame of the axes.
     """
@@ -527,28 +550,31 @@ class Motion:
     """Places of axes and targets in N configurations.
 
     Attributes:
-        axes: n at angle zero.
-        angles: (N, n) of the joints [rad].
+        axes: n axes at angle zero.
+        angles: (N, n) joint angles [rad].
         postures: kinematics of the arm with these axes; its flange frame is the frame of the axes at zero.
         points: (N, T, 3) places of the targets, which the last joint carries [m].
     """
 
     def __init__(self, axes: Sequence[Axis], targets: FloatArray, angles: FloatArray) -> None:
-        """Turn axes and targets (T, 3) [m], given at angle zero, by joint angles (N, n) [rad]."""
+        """Place axes and targets (T, 3) [m], given at angle zero, at joint angles (N, n) [rad]."""
         self.axes, self.angles = axes, angles
-        self.postures = Postures(arm_of(axes, [axis.place for axis in axes], pin.SE3.Identity()), angles)
+        self.postures = Postures(build_arm(axes, [axis.place for axis in axes], pin.SE3.Identity()), angles)
         self.points = self.postures.to_base(np.broadcast_to(targets, (len(angles), *targets.shape)))
 
     def jacobian(self) -> FloatArray:
-        """Return the derivative (N, T, 3, 4 n + 3 T) of the points by the axes' charts, then the targets."""
+        """Return the derivative (N, T, 3, 4 n + 3 T) of the points with respect to axes and targets.
+
+        Columns are the four chart coordinates of each axis, then the coordinates of the targets.
+        """
         count, targets, _ = self.points.shape
         charts = self.postures.axis_motions[..., CHART].transpose(0, 2, 1, 3).reshape(count, 1, 6, -1)
-        by_charts = motion_matrix(self.points) @ charts
+        by_charts = differentiate_by_rigid_motion(self.points) @ charts
         by_targets = np.einsum("nij,ts->ntisj", self.postures.flange_rotation, np.eye(targets))
         return np.concatenate([by_charts, by_targets.reshape(count, targets, 3, -1)], axis=-1)
 
-    def swings(self) -> FloatArray:
-        """Return the derivative (N, T, 3, n) of the points by the joint angles [m/rad]."""
+    def differentiate_by_angles(self) -> FloatArray:
+        """Return the derivative (N, T, 3, n) of the points with respect to the joint angles [m/rad]."""
         return self.postures.jacobian_at(self.points)
 
 
@@ -566,9 +592,9 @@ def fit_poses(
     that the readings do not determine keeps its start value.
 
     Args:
-        readings: in at least two configurations.
-        first: where to start from.
-        where: place of the readings, for messages.
+        readings: readings in at least two configurations.
+        first: start values.
+        where: name of the readings in errors.
         fitted: number of axes, base first, that are fitted; None fits all. The other axes stay as they are.
         enough: residual [rms, whitened] below which a slow fit counts as converged.
 
@@ -584,56 +610,62 @@ def fit_poses(
     kept = charts + first.targets.size
     basis = readings.basis
 
-    def stepped(state: PoseState, step: FloatArray) -> PoseState:
+    def take_step(state: PoseState, step: FloatArray) -> PoseState:
         """Return the state after a step of all unknowns."""
         correction = step[kept:] if basis is None else basis @ step[kept:]
-        return replace(state.displaced(step[:kept]), corrections=state.corrections + correction)
+        return replace(state.displace(step[:kept]), corrections=state.corrections + correction)
 
     def residual(state: PoseState) -> FloatArray:
         """Return the whitened readings minus the prediction (3 N T,)."""
         gaps = readings.points - state.motion(readings).points
         return np.asarray((readings.weight @ gaps[..., None]).ravel())
 
-    def spin(motion: Motion) -> FloatArray:
-        """Return the derivative (N, T, 3, 1) of the prediction by each configuration's correction [m/rad]."""
-        return np.asarray(np.einsum("ktin,kn->kti", motion.swings(), readings.slopes)[..., None])
+    def differentiate_by_correction(motion: Motion) -> FloatArray:
+        """Return the derivative (N, T, 3, 1) [m/rad] with respect to the correction of each configuration."""
+        return np.asarray(
+            np.einsum("ktin,kn->kti", motion.differentiate_by_angles(), readings.slopes)[..., None]
+        )
 
     def jacobian(state: PoseState) -> FloatArray:
-        """Return the whitened derivative (3 N T, p) of the prediction by all unknowns but eliminated ones."""
+        """Return the whitened derivative (3 N T, p) with respect to all unknowns that are not eliminated."""
         motion = state.motion(readings)
         J = np.delete(motion.jacobian(), still, axis=-1)
         if basis is not None and basis.size:
-            J = np.concatenate([J, spin(motion) * basis[:, None, None]], axis=-1)
+            J = np.concatenate([J, differentiate_by_correction(motion) * basis[:, None, None]], axis=-1)
         return np.asarray((readings.weight @ J).reshape(readings.points.size, -1))
 
     def by_correction(state: PoseState) -> FloatArray:
-        """Return the whitened derivative (N, 3 T) by each configuration's own correction."""
-        return (readings.weight @ spin(state.motion(readings))).reshape(len(readings.angles), -1)
+        """Return the whitened derivative (N, 3 T) with respect to each configuration's own correction."""
+        return (readings.weight @ differentiate_by_correction(state.motion(readings))).reshape(
+            len(readings.angles), -1
+        )
 
     size = float(np.linalg.norm(readings.weight @ readings.points[..., None]))
     by_own = by_correction if basis is None else None
-    return minimise(first, residual, jacobian, stepped, where=where, by_own=by_own, size=size, enough=enough)
+    return minimise(
+        first, residual, jacobian, take_step, where=where, by_own=by_own, size=size, enough=enough
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class IdentifiedAxes:
     """Axes and targets at model angle zero, in the tracker's frame: the robot's geometry.
 
-    Base frame, wrist centre, link lengths and the kinematic model are functions of them, and their
-    uncertainties follow from the one covariance, correlations included.
+    Base frame, wrist centre, link lengths and the kinematic model are functions of axes and targets; their
+    uncertainties follow from `covariance`.
     """
 
-    axes: tuple[Axis, ...]  #: n, base first
+    axes: tuple[Axis, ...]  #: n axes, base first
     targets: FloatArray  #: (T, 3) [m], carried by the last axis
     names: tuple[str, ...]  #: names of the targets
     covariance: FloatArray  #: (4 n + 3 T, 4 n + 3 T) covariance of the axes' charts, then the targets
-    influence: FloatArray  #: (4 n + 3 T, m) derivative by all whitened readings in units of sigma
+    influence: FloatArray  #: (4 n + 3 T, m) derivative with respect to the whitened readings, in sigma
     sigma: float  #: standard uncertainty of a coordinate [m], stated or pooled from the residuals
     rss: float  #: sum of squares of the residuals, whitened in units of sigma² [m²]
     dof: int  #: degrees of freedom of the residuals
-    #: (4 n + 3 T, r) combinations of charts and targets that the readings do not determine; they are as at
-    #: the start of the fit, and the covariance is silent about them
-    unseen: FloatArray = field(default_factory=lambda: np.zeros((0, 0)), kw_only=True)
+    #: (4 n + 3 T, r) combinations of charts and targets that the readings do not determine: they keep their
+    #: start values, and the covariance does not contain them
+    undetermined: FloatArray = field(default_factory=lambda: np.zeros((0, 0)), kw_only=True)
 
     @property
     def n(self) -> int:
@@ -646,30 +678,30 @@ class IdentifiedAxes:
         return self.rss / (self.dof * self.sigma**2)
 
     def jacobian_of(self, geometry: Geometry) -> FloatArray:
-        """Return the derivative (k, 4 n + 3 T) of a quantity by charts and targets."""
-        return derivative(self.axes, self.targets, geometry)
+        """Return the derivative (k, 4 n + 3 T) of `geometry` with respect to charts and targets."""
+        return differentiate_geometry(self.axes, self.targets, geometry)
 
     def covariance_of(self, geometry: Geometry) -> FloatArray:
-        """Return the covariance (k, k) of a quantity."""
+        """Return the covariance (k, k) of the quantity that `geometry` computes from axes and targets."""
         J = self.jacobian_of(geometry)
         return np.asarray(J @ self.covariance @ J.T)
 
     def standard_uncertainties(self, jacobian: FloatArray) -> FloatArray:
         """Return the standard uncertainties (k,) of quantities; infinite for an undetermined quantity.
 
-        `jacobian` (k, 4 n + 3 T) is the derivative of the quantities by charts and targets.
+        `jacobian` (k, 4 n + 3 T) is the derivative of the quantities with respect to charts and targets.
         """
         spread = np.sqrt(np.einsum("ij,jk,ik->i", jacobian, self.covariance, jacobian))
-        if not self.unseen.size:
+        if not self.undetermined.size:
             return np.asarray(spread)
-        hidden = np.abs(jacobian @ self.unseen).max(axis=1)
-        reach = np.linalg.norm(jacobian, axis=1) * np.linalg.norm(self.unseen, axis=0).max()
+        hidden = np.abs(jacobian @ self.undetermined).max(axis=1)
+        reach = np.linalg.norm(jacobian, axis=1) * np.linalg.norm(self.undetermined, axis=0).max()
         return np.where(hidden > _HIDDEN * reach, np.inf, spread)
 
     def covariances(self, jacobian: FloatArray, size: int = 3) -> FloatArray:
-        """Return the covariances (k, size, size) of k vectors; NaN for a vector with an undetermined number.
+        """Return the covariances (k, size, size) of k vectors; NaN where a component is undetermined.
 
-        `jacobian` (k · size, 4 n + 3 T) is the derivative of the vectors by charts and targets.
+        `jacobian` (k · size, 4 n + 3 T) is the derivative of the vectors with respect to charts and targets.
         """
         blocks = jacobian.reshape(-1, size, jacobian.shape[-1])
         covariances: FloatArray = blocks @ self.covariance @ blocks.transpose(0, 2, 1)
@@ -678,8 +710,8 @@ class IdentifiedAxes:
         return covariances
 
 
-def differences(quantity: Callable[[FloatArray], FloatArray], count: int) -> FloatArray:
-    """Return the derivative (k, count) of a quantity at zero, by central differences.
+def differentiate_numerically(quantity: Callable[[FloatArray], FloatArray], count: int) -> FloatArray:
+    """Return the derivative (k, count) of a quantity at zero, from central differences.
 
     `quantity` takes a vector (count,) of small steps [m, rad] and returns (k,).
     """
@@ -687,19 +719,19 @@ def differences(quantity: Callable[[FloatArray], FloatArray], count: int) -> Flo
     return np.stack([(quantity(step) - quantity(-step)) / (2.0 * _STEP) for step in steps], axis=1)
 
 
-def derivative(axes: Sequence[Axis], targets: FloatArray, geometry: Geometry) -> FloatArray:
-    """Return the derivative (k, 4 n + 3 T) of a quantity by the axes' charts and targets (T, 3) [m].
+def differentiate_geometry(axes: Sequence[Axis], targets: FloatArray, geometry: Geometry) -> FloatArray:
+    """Return the derivative (k, 4 n + 3 T) of `geometry` with respect to charts and targets.
 
-    The derivative is taken by central differences.
+    The derivative is computed using central differences.
     """
 
-    def at(step: FloatArray) -> FloatArray:
-        """Return the quantity after a step (4 n + 3 T,) of charts and targets."""
+    def evaluate_after(step: FloatArray) -> FloatArray:
+        """Return the quantity (k,) after a step (4 n + 3 T,) of charts and targets."""
         charts = step[: CHART_SIZE * len(axes)].reshape(-1, CHART_SIZE)
-        moved = [a.displaced(chart) if chart.any() else a for a, chart in zip(axes, charts, strict=True)]
+        moved = [a.displace(chart) if chart.any() else a for a, chart in zip(axes, charts, strict=True)]
         return geometry(moved, targets + step[CHART_SIZE * len(axes) :].reshape(targets.shape))
 
-    return differences(at, CHART_SIZE * len(axes) + targets.size)
+    return differentiate_numerically(evaluate_after, CHART_SIZE * len(axes) + targets.size)
 
 
 def chain_axes(chain: KinematicChain) -> tuple[tuple[Axis, ...], pin.SE3]:
@@ -729,8 +761,8 @@ class CalibratedAxes(IdentifiedAxes):
     """Axes from a calibration by unloaded poses."""
 
     evidence: PoseEvidence  #: the unknowns that the poses determine, and the residuals
-    #: stated standard uncertainty of a coordinate [m], if the residuals exceed it beyond chance, so that
-    #: `sigma` is from the residuals; None otherwise
+    #: stated standard uncertainty of a coordinate [m], if the residuals are significantly greater: `sigma` is
+    #: then computed from the residuals; None otherwise
     exceeded_sigma: float | None
 
 
@@ -745,7 +777,7 @@ def calibrate(
     """Calibrate a nominal model: fit its axes and the targets to unloaded poses.
 
     Args:
-        nominal: within some centimetres and degrees of the truth.
+        nominal: model within some centimetres and degrees of the truth.
         poses: more readings than unknowns; 20 or more poses over the whole work area are good practice.
         start: rough transform from base to tracker; found from the poses if None.
         hold_out: whether to compute the error of predicted poses by cross-validation.
@@ -765,10 +797,12 @@ def calibrate(
         )
     readings = poses.whitened
     T, at_zero = _estimate_start(axes, poses, readings, start)
-    first = PoseState(tuple(axis.moved(T) for axis in axes), transformed(T, at_zero), np.zeros(len(poses)))
+    first = PoseState(
+        tuple(axis.transform(T) for axis in axes), transform_points(T, at_zero), np.zeros(len(poses))
+    )
     state, linear = fit_poses(readings, first, where="poses", enough=enough)
     rms = float(np.sqrt(np.mean(np.square(linear.residual))))
-    held_out_rms = _held_out_rms(nominal, poses, start, rms) if hold_out else None
+    held_out_rms = _cross_validate(nominal, poses, start, rms) if hold_out else None
     coordinates, unknowns = 3 * int(poses.present.sum()), len(linear.scale)
     if coordinates <= unknowns:
         raise NotObservableError(
@@ -783,9 +817,9 @@ def calibrate(
     influence = linear.pseudo_inverse
     if exceeds:
         # Contributions (p, N) of each pose's residuals to the unknowns, whose outer products are the
-        # covariance. An angle that is off moves all targets of a pose, each its own way: residuals of one
-        # pose are no independent numbers. Those of different poses are taken to be (cluster-robust
-        # covariance, Liang and Zeger 1986), with the usual correction for the unknowns.
+        # covariance. A wrong joint angle moves all targets of a pose, so that residuals of one pose are
+        # correlated; residuals of different poses are assumed independent (cluster-robust covariance, Liang
+        # and Zeger 1986). The factor corrects for the degrees of freedom that the unknowns use.
         by_pose = influence.reshape(unknowns, len(poses), -1) * linear.residual.reshape(len(poses), -1)
         freedom = len(poses) - linear.rank / (linear.residual.size / len(poses))
         influence = by_pose.sum(axis=-1) * np.sqrt(len(poses) / freedom) / sigma
@@ -809,20 +843,19 @@ def calibrate(
         dof=dof,
         evidence=evidence,
         exceeded_sigma=poses.sigma if exceeds else None,
-        unseen=linear.unseen / linear.scale[:, None],
+        undetermined=linear.undetermined / linear.scale[:, None],
     )
 
 
-def _held_out_rms(nominal: KinematicChain, poses: Poses, start: pin.SE3 | None, rms: float) -> float | None:
+def _cross_validate(nominal: KinematicChain, poses: Poses, start: pin.SE3 | None, rms: float) -> float | None:
     """Return the root mean square error [m] of coordinates predicted by five-fold cross-validation.
 
-    Readings of one posture stay together. Four of five parts may hardly determine two unknowns separately, so
-    that their fit is slow: it counts as converged at about the residual `rms` of all poses. None if there is
-    one posture only, or a fit fails.
+    All poses of one posture are in the same fold. A fit that converges slowly counts as converged when its
+    residual is about `rms`, the residual of all poses. None if there is one posture only, or a fit fails.
     """
     _, posture = np.unique(poses.angles, axis=0, return_inverse=True)
     count = int(posture.max()) + 1
-    if count == 1:  # nothing is left to calibrate by
+    if count == 1:  # no other posture is left to calibrate with
         return None
     part = np.random.default_rng(0).permutation(count)[posture.reshape(-1)] % _FOLDS
     errors = []
@@ -843,8 +876,8 @@ def _estimate_start(
 ) -> tuple[pin.SE3, FloatArray]:
     """Return rough start values: the transform from R0 to the tracker, and the targets (T, 3) [m] in R0.
 
-    ``Q p + s = R_k x_t + t_k`` for a reading p of target t in pose k is linear in Q = Rᵀ (nine numbers),
-    s = −Rᵀ t and x_t. Q is first fitted freely and made a rotation, then s and x_t are fitted with Q fixed.
+    For a reading p of target t in pose k, ``Q p + s = R_k x_t + t_k`` is linear in Q = Rᵀ, s = −Rᵀ t and the
+    target x_t. Q is first fitted as nine numbers and made a rotation, then s and x_t are fitted with Q fixed.
     A known transform `start` leaves only x_t to fit.
     """
     k, t = np.nonzero(poses.present)
@@ -853,7 +886,7 @@ def _estimate_start(
     points, size = poses.points[k, t], 3 * len(k)
     by_target = np.einsum("mij,mt->mitj", rotation, np.eye(len(poses.targets))[t]).reshape(size, -1)
     if start is not None:
-        local = transformed(start.inverse(), points) - shift
+        local = transform_points(start.inverse(), points) - shift
         return start, np.linalg.lstsq(by_target, local.ravel(), rcond=None)[0].reshape(-1, 3)
     by_shift = np.tile(np.eye(3), (len(k), 1))
     by_rotation = np.einsum("ij,mk->mijk", np.eye(3), points).reshape(size, 9)
@@ -872,8 +905,10 @@ def _name_undetermined_combinations(linear: LinearFit, n: int, targets: Sequence
     """
     names = [f"axis {i + 1} {what}" for i in range(n) for what in _CHART_NAMES]
     names += [f"target {target} {coordinate}" for target in targets for coordinate in "xyz"]
-    # Pivoting finds the unknowns that are determined least: one for each combination
-    _, order = qr(linear.unseen.T, mode="r", pivoting=True)
-    reduced = linear.unseen @ np.linalg.inv(linear.unseen[np.sort(order[: linear.unseen.shape[1]])])
+    # Pivoting finds the unknowns that are least determined, one for each combination.
+    _, order = qr(linear.undetermined.T, mode="r", pivoting=True)
+    reduced = linear.undetermined @ np.linalg.inv(
+        linear.undetermined[np.sort(order[: linear.undetermined.shape[1]])]
+    )
     shares = np.abs(reduced) / np.abs(reduced).max(axis=0)
     return [[name for name, part in zip(names, share, strict=True) if part > _NAMED] for share in shares.T]

@@ -52,20 +52,20 @@ from jointstiff.solver.geometry.poses import (
     PoseReadings,
     PoseState,
     TrackedReadings,
+    differentiate_by_rigid_motion,
     fit_poses,
-    motion_matrix,
     refuse_wrong_units,
-    transformed,
+    transform_points,
 )
 from jointstiff.solver.mechanics.robot import JointMap
 
 AngleUse = Literal["free", "controller"]
 
 MIN_POSITIONS = 4
-"""Least number of positions: three points always lie on a circle, the fourth can contradict it."""
+"""Least number of positions: a circle fits any three points, and only a fourth can contradict the fit."""
 
 STILL = 1e-4
-"""Largest range of the angle of a joint at rest [rad]: 0.2 mm at 2 m."""
+"""Largest range of a joint's angle [rad] with which the joint counts as resting: 0.2 mm at 2 m."""
 
 SHORTEST_ARC = np.radians(5.0)
 """Least arc [rad]: below it a circle differs from its tangent by less than 0.1 % of its radius."""
@@ -74,7 +74,7 @@ SMALLEST_MOTION = 1e-3
 """Least displacement of the target that moves most [m]."""
 
 DISAGREEMENT = 1e-6
-"""p-value of the common fit of all sweeps below which the sweeps disagree."""
+"""p-value of the common fit of all sweeps below which the sweeps count as contradictory."""
 
 UNEVEN = 0.01
 """p-value of the controller's angles below which the gears count as uneven."""
@@ -82,7 +82,7 @@ UNEVEN = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Sweep(TrackedReadings):
-    """N positions of one sweep, T targets. Arrays are checked and made read-only.
+    """Readings of T targets in the N positions of one sweep of a joint. Arrays are made read-only.
 
     Raises:
         MeasurementError: shapes disagree, a number is not finite, fewer than `MIN_POSITIONS` positions, the
@@ -133,14 +133,14 @@ class Sweep(TrackedReadings):
 
 @dataclass(frozen=True, eq=False)
 class SweepSet:
-    """Sweeps of one robot by one tracker that stood still, with the same targets.
+    """Sweeps of one robot with the same targets, read by one tracker that was not moved.
 
     Raises:
         MeasurementError: another number of joints, an arc too short, two sweeps of one joint, a sigma that is
             not positive, or a wrong unit of length.
     """
 
-    sweeps: tuple[Sweep, ...]  #: in any order; positions in the tracker's frame
+    sweeps: tuple[Sweep, ...]  #: sweeps in any order
     targets: tuple[str, ...]  #: names of the T targets
     joint_map: JointMap  #: from controller to model angles
     sigma: float | None = None  #: standard uncertainty of one coordinate of one reading [m]; None if unknown
@@ -161,7 +161,9 @@ class SweepSet:
                     where=sweep.where,
                     remedy=f"sweep at least {np.degrees(SHORTEST_ARC):.0f}°, better 90° or more",
                 )
-        joint, count = Counter(min(self.turning(sweep)) for sweep in self.sweeps).most_common(1)[0]
+        joint, count = Counter(min(self.find_turning_joints(sweep)) for sweep in self.sweeps).most_common(1)[
+            0
+        ]
         if count > 1:
             raise MeasurementError(
                 f"{count} sweeps turn model joint {joint + 1}",
@@ -173,7 +175,7 @@ class SweepSet:
         """Return the model's joint angles (N, n) [rad] in the positions of a sweep."""
         return self.joint_map.model_angles(sweep.angles)
 
-    def turning(self, sweep: Sweep) -> tuple[int, ...]:
+    def find_turning_joints(self, sweep: Sweep) -> tuple[int, ...]:
         """Return the indices of the model joints that turn in a sweep, usually one.
 
         With coupled axes (J2/J3 of FANUC), one joint of the controller turns two joints of the model, and two
@@ -191,7 +193,7 @@ class SweepSet:
         Raises:
             MeasurementError: a joint without a sweep.
         """
-        sweep_of = {min(self.turning(sweep)): index for index, sweep in enumerate(self.sweeps)}
+        sweep_of = {min(self.find_turning_joints(sweep)): index for index, sweep in enumerate(self.sweeps)}
         missing = [joint + 1 for joint in range(self.joint_map.n) if joint not in sweep_of]
         if missing:
             raise MeasurementError(
@@ -213,7 +215,7 @@ class SweepSet:
 
     @cached_property
     def whitened(self) -> PoseReadings:
-        """Readings of all sweeps in order; each position corrects the angle of the turned joint by itself."""
+        """Readings of all sweeps in order; each position has its own correction of the turned joint."""
         slopes = [np.tile(self.joint_map.matrix[:, sweep.joint], (len(sweep), 1)) for sweep in self.sweeps]
         return PoseReadings(
             angles=np.concatenate([self.model_angles(sweep) for sweep in self.sweeps]),
@@ -226,7 +228,7 @@ class SweepSet:
 
 @dataclass(frozen=True, eq=False)
 class AxisFit:
-    """The axis of one sweep and the evidence for it."""
+    """Axis fitted to one sweep of N positions and T targets, with its uncertainty and residuals."""
 
     sweep: Sweep  #: fitted sweep
     outer: AxisFit | None  #: fit of the outer axis by its own sweep, if this sweep turns two axes
@@ -234,18 +236,18 @@ class AxisFit:
     #: (T, 3) targets in the tracker's frame [m], with the turning joint at model angle zero; if two joints
     #: turn, with the outer joint at zero and the inner joint as in the outer axis's sweep
     target_points: FloatArray
-    #: (N,) angle of the turning joint from the readings less that of the controller, of mean zero [rad]
+    #: (N,) angle of the turning joint from the readings minus the controller's angle, of mean zero [rad]
     angle_deviation: FloatArray
     angle_scale: float  #: slope of the angles from the readings over the controller's; 1 where both agree
     arc: float  #: angle that the readings cover [rad]
-    #: (4 + 3 T, 3 N T) derivative of chart and targets by the whitened readings, in units of sigma; from it
-    #: covariances follow, also of quantities that depend on several fits
+    #: (4 + 3 T, 3 N T) derivative of the axis's chart and the targets with respect to the whitened readings,
+    #: in units of sigma
     influence: FloatArray
-    #: (4, 4) derivative of the axis's chart by the outer axis's chart; zero without an outer axis
+    #: (4, 4) derivative of the axis's chart with respect to the outer axis's chart; zero without outer axis
     dependence: FloatArray
-    axis_covariance: FloatArray  #: (4, 4) of the axis's chart, by `sigma`, the outer axis's part included
+    axis_covariance: FloatArray  #: (4, 4) covariance of the axis's chart, the outer axis's included
     residuals: FloatArray  #: (N, T, 3) reading minus prediction, tracker's frame [m]; zero where absent
-    sigma: float  #: standard uncertainty of a coordinate [m]: the stated one, else from the residuals
+    sigma: float  #: standard uncertainty of a coordinate [m], stated or from the residuals
     dof: int  #: degrees of freedom, the number of readings' coordinates less that of the unknowns
     linear: LinearFit  #: the linearised fit at the minimum, rows in the order of the readings (N, T, 3)
 
@@ -254,11 +256,11 @@ class AxisFit:
         """χ²/dof: 1 on average if the stated sigma is right; exactly 1 where sigma was not stated."""
         return self.linear.rss / (self.dof * self.sigma**2)
 
-    def residual_rms(self) -> tuple[list[float | None], list[float | None]]:
+    def compute_residual_rms(self) -> tuple[list[float | None], list[float | None]]:
         """Return the root mean squares of the radial and of the axial residuals of each target [m].
 
-        Two lists (T,), with None for a target without readings. If two axes turn, the radial residual is that
-        in both directions across the axis.
+        The lists (T,) have None for a target without readings. If two axes turn, no radius is known: the
+        first list then has the residuals in both directions perpendicular to the axis.
         """
         residuals = self.residuals @ self.axis.frame
         arms = (self.sweep.points - self.residuals - self.axis.point) @ self.axis.frame
@@ -288,14 +290,14 @@ def fit_axis(
 
     Args:
         sweep: the readings.
-        turned: (N,) model angle of the turning joint, by the controller [rad]. If two joints turn, (N, 2):
-            angle of the inner joint less its angle in the outer axis's sweep, then angle of the outer joint.
+        turned: (N,) model angle of the turning joint, from the controller [rad]. If two joints turn, (N, 2):
+            angle of the inner joint minus its angle in the outer axis's sweep, then angle of the outer joint.
         sigma: standard uncertainty of a coordinate [m]; from the residuals if None.
         angles: `free` estimates each position's angle from the readings, common to all targets;
             `controller` takes the controller's angles.
         outer: fit of the outer axis by a sweep of its own, if two joints turn. Joints before the outer axis
             are at the same angles in both sweeps, but for the inner joint, whose angle was subtracted.
-        slopes: (2,) derivative of the two model angles by the angle of the controller's joint.
+        slopes: (2,) derivative of the two model angles with respect to the controller's joint angle.
 
     Returns:
         The fit of all readings; suspect readings are not removed.
@@ -351,11 +353,11 @@ def fit_axis(
 
 
 def _estimate_start(sweep: Sweep, readings: PoseReadings, outer: AxisFit | None) -> PoseState:
-    """Return start values of axis and targets by a linear fit of circles.
+    """Return start values of axis and targets from a linear fit of circles.
 
-    A target t runs on ``p_kt ≈ A_t + B_t cos θ_k + C_t sin θ_k``, linear in A, B and C. ``B_t × C_t`` points
-    along the axis and is as long as the squared radius, which weights the targets. The centres A_t lie on the
-    axis, unless an outer axis turns back by the same angle: then all are displaced from it by one vector.
+    Target t moves on ``p_kt ≈ A_t + B_t cos θ_k + C_t sin θ_k``, linear in A, B and C. ``B_t × C_t`` points
+    along the axis; its length, the squared radius, weights the targets. The centres A_t lie on the axis; only
+    if an outer axis turns back by the same angle, all centres are displaced from the axis by one vector.
 
     Raises:
         MeasurementError: no target was read often enough, or none shows a plane in which it turns.
@@ -378,7 +380,7 @@ def _estimate_start(sweep: Sweep, readings: PoseReadings, outer: AxisFit | None)
             remedy="read at least one target in three or more positions, at a distance from the axis",
         )
     found = Axis.through(np.average(centres, axis=0, weights=np.array(radii) + 1e-12), normal)
-    axes: tuple[Axis, ...] = (found.placed_near(sweep.points[sweep.present].mean(axis=0)),)
+    axes: tuple[Axis, ...] = (found.represent_near(sweep.points[sweep.present].mean(axis=0)),)
     if outer is not None:
         inner, (slope, back) = axes[0], readings.slopes[0]
         if abs(slope + back) < 0.5 * abs(slope):
@@ -392,19 +394,20 @@ def _estimate_start(sweep: Sweep, readings: PoseReadings, outer: AxisFit | None)
 
 @dataclass(frozen=True, eq=False)
 class SweptAxes(IdentifiedAxes):
-    """Axes identified from sweeps, with the fit of each sweep."""
+    """Axes identified from sweeps, with a separate fit of each sweep."""
 
-    sweeps: SweepSet  #: the set; the whitened readings of `influence` are in its order
-    fits: tuple[AxisFit, ...]  #: the fit of each sweep by itself, in the order of the sweeps
+    sweeps: SweepSet  #: all sweeps; the columns of `influence` are in the order of their readings
+    fits: tuple[AxisFit, ...]  #: separate fits, in the order of the sweeps
     residual: FloatArray  #: (3 N T,) whitened residuals of all readings [m]; zero where absent
 
 
 def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
-    """Fit all sweeps, one by one, and bring their axes to model angle zero.
+    """Fit each sweep separately, and transform the fitted axes to model angle zero.
 
     Args:
         sweeps: a sweep for each joint.
-        angles: see `fit_axis`.
+        angles: `free` estimates each position's angle of the turned joint from the readings; `controller`
+            uses the controller's angles.
 
     Raises:
         MeasurementError: a joint has no sweep, a sweep turns joints that are not coupled, or a sweep cannot
@@ -413,10 +416,12 @@ def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
     order = sweeps.order
     starts = np.cumsum([0, *(sweep.points.size for sweep in sweeps.sweeps)])
     fits: dict[int, AxisFit] = {}
-    influences: dict[int, FloatArray] = {}  # derivative of chart and targets of a sweep by all readings
-    for joint, index in reversed(list(enumerate(order))):  # a coupled sweep needs the axis farther out
+    influences: dict[int, FloatArray] = {}  # derivative of chart and targets of a sweep
+    for joint, index in reversed(
+        list(enumerate(order))
+    ):  # a sweep of two coupled joints needs the outer axis's fit
         sweep = sweeps.sweeps[index]
-        turning, turned = list(sweeps.turning(sweep)), sweeps.model_angles(sweep)
+        turning, turned = list(sweeps.find_turning_joints(sweep)), sweeps.model_angles(sweep)
         if len(turning) == 1:
             fits[index] = fit_axis(sweep, turned[:, joint], sigma=sweeps.sigma, angles=angles)
         else:
@@ -464,13 +469,13 @@ def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
 def _refuse_unless_coupled(sweeps: SweepSet, sweep: Sweep, outer: AxisFit, apart: FloatArray) -> None:
     """Refuse a sweep that turns several model joints, unless a single controller joint turns two of them.
 
-    Joints before the outer joint carry its axis, so that all but the inner joint must be where they were in
-    the outer joint's sweep. `apart` (n,) [rad] is by how much the angles of the two sweeps differ.
+    Joints before the outer joint carry its axis: all of them but the inner joint must have the same angles as
+    in the outer joint's sweep. `apart` (n,) [rad] is the difference of the joint angles between both sweeps.
 
     Raises:
-        MeasurementError: the sweep is none that `fit_axis` can fit.
+        MeasurementError: the sweep turns more than one controller joint, or joints that cannot be separated.
     """
-    turning = sweeps.turning(sweep)
+    turning = sweeps.find_turning_joints(sweep)
     joints = " and ".join(str(joint + 1) for joint in turning)
     coupled = np.flatnonzero(sweeps.joint_map.matrix[:, sweep.joint])
     moved = np.flatnonzero(np.ptp(sweep.angles, axis=0) > STILL)
@@ -490,7 +495,7 @@ def _refuse_unless_coupled(sweeps: SweepSet, sweep: Sweep, outer: AxisFit, apart
     before = [joint for joint in range(turning[1]) if joint != turning[0]]
     if before and np.abs(apart[before]).max() > STILL:
         raise MeasurementError(
-            f"this sweep turns model joints {joints}, and it was taken in another configuration than the "
+            f"this sweep turns model joints {joints}, and it was recorded in another configuration than the "
             f"{outer.sweep.where}",
             where=sweep.where,
             remedy="start both sweeps from the same configuration of the other joints",
@@ -500,32 +505,33 @@ def _refuse_unless_coupled(sweeps: SweepSet, sweep: Sweep, outer: AxisFit, apart
 def _move_axes_to_zero(
     at_sweep: Sequence[Axis], points: FloatArray, postures: FloatArray
 ) -> tuple[tuple[Axis, ...], FloatArray]:
-    """Return the axes at model angle zero, and the targets (T, 3) of the last sweep at angle zero [m].
+    """Transform axes and targets from their sweeps to model angle zero.
 
-    `at_sweep` holds each axis as the joints before it placed it in its sweep; `postures` (n, n) are the
-    joints' angles in each sweep [rad].
+    Return the n axes and the targets (T, 3) [m]. `at_sweep` has each axis where its own sweep showed it,
+    `points` (T, 3) [m] the targets in the last sweep; `postures` (n, n) are the joint angles in each sweep
+    [rad].
     """
     axes, back = [at_sweep[0]], pin.SE3.Identity()
     for axis, posture in zip(at_sweep[1:], postures[1:], strict=True):
         back = Motion(axes, points, posture[None, : len(axes)]).postures.flange_placement(0).inverse()
-        axes.append(axis.moved(back))
-    return tuple(axes), transformed(back, points)
+        axes.append(axis.transform(back))
+    return tuple(axes), transform_points(back, points)
 
 
 def _differentiate_by_zero(
     axes: Sequence[Axis], at_sweep: Sequence[Axis], points: FloatArray, postures: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Differentiate what the sweeps show: the axis of each sweep, and the targets of the last sweep.
+    """Differentiate the axis of each sweep and the targets of the last sweep, which the sweeps determine.
 
     Args:
         axes: n axes at model angle zero.
-        at_sweep: each axis as the joints before it place it in its sweep.
+        at_sweep: each axis where its own sweep shows it.
         points: (T, 3) targets in the last sweep [m].
         postures: (n, n) angles of the joints in each sweep [rad].
 
     Returns:
-        The derivative (4 n + 3 T, 4 n + 3 T) by charts of axes and by targets at angle zero, and the
-        derivative (4 n + 3 T, n, n) by the angles of the joints in each sweep.
+        The derivative (4 n + 3 T, 4 n + 3 T) with respect to charts of axes and targets at angle zero, and
+        the derivative (4 n + 3 T, n, n) with respect to the joint angles in each sweep.
     """
     n, charts = len(axes), CHART_SIZE * len(axes)
     arm = Motion(axes, points, np.tril(postures, -1)).postures
@@ -535,7 +541,7 @@ def _differentiate_by_zero(
         motions = np.concatenate([arm.axis_motions[k, :k], arm.placement_motions[k, k : k + 1]])[..., CHART]
         by_zero[own, : own.stop] = (into @ motions).transpose(1, 0, 2).reshape(CHART_SIZE, -1)
         by_angle[own, k, :k] = into @ arm.jacobian[k, :, :k]
-    moves = motion_matrix(points).reshape(-1, 6)
+    moves = differentiate_by_rigid_motion(points).reshape(-1, 6)
     by_zero[charts:, :charts] = (
         (moves @ arm.axis_motions[-1][..., CHART]).transpose(1, 0, 2).reshape(-1, charts)
     )
@@ -545,12 +551,12 @@ def _differentiate_by_zero(
 
 
 def refine_axes(identified: SweptAxes, *, angles: AngleUse = "free") -> SweptAxes:
-    """Fit all sweeps together, starting from the axes of the sweeps fitted one by one.
+    """Fit all sweeps together, starting from the axes of the separate fits.
 
     Args:
-        identified: result of `identify_axes`, whose `fits` are kept.
-        angles: `free` estimates for each position by how much the turned joint differs from the controller's
-            angle; `controller` takes the controller's angle.
+        identified: result of `identify_axes`, whose `fits` are returned unchanged.
+        angles: `free` estimates each position's angle of the turned joint from the readings; `controller`
+            uses the controller's angles.
 
     Returns:
         Axes and targets with their smaller covariance; `rss` and `dof` are those of the common fit.
@@ -587,10 +593,10 @@ def refine_axes(identified: SweptAxes, *, angles: AngleUse = "free") -> SweptAxe
 
 
 def compute_angle_p_value(free: SweptAxes, controller: SweptAxes) -> float:
-    """Return the p-value of the controller's angles, by an F-test of a fit with them against a free fit.
+    """Return the p-value of an F-test of a restricted fit, with the controller's angles, against a free fit.
 
-    The p-value is the probability that noise alone makes the more restricted fit so much worse. If it is not
-    small, `angles="controller"` is justified by the readings, and the better estimate.
+    The p-value is the probability that noise alone makes the residuals of the restricted fit so much larger.
+    If it is not small, the readings justify the controller's angles.
     """
     more = controller.dof - free.dof
     if more < 1:
@@ -600,24 +606,24 @@ def compute_angle_p_value(free: SweptAxes, controller: SweptAxes) -> float:
 
 
 def propagate_resting_angle_errors(swept: SweptAxes) -> tuple[FloatArray, list[int]]:
-    """Return how errors of uneven gears at rest displace the identified axes and targets.
+    """Compute how gear errors of resting joints displace the identified axes and targets.
 
-    The readings show the gear's error of a joint while the joint turns; at rest the joint is off by as much,
-    unseen. If a joint rests at one angle in all sweeps, its error only shifts the zero of its angle; if it
-    rests at several angles, its errors move the axes against each other.
+    A joint's sweep shows the standard deviation of its gear error. Where the joint rests in another sweep, an
+    error of this size is assumed, which the readings do not show: one independent error for each angle at
+    which the joint rests.
 
     Args:
         swept: axes fitted one by one with free angles.
 
     Returns:
-        Displacements (4 n + 3 T, G) of charts and targets by one standard deviation of each of G errors, and
-        the index (G,) of the controller's joint that each error is of, from the last joint inwards.
+        Displacements (4 n + 3 T, G) of charts and targets for one standard deviation of each of G errors; and
+        the index (G,) of each error's controller joint, from the last joint to the first.
     """
     sweeps, n = swept.sweeps, swept.n
     in_order = [swept.fits[index] for index in sweeps.order]
     at_sweep, points = [fit.axis for fit in in_order], in_order[-1].target_points
     by_zero, by_angle = _differentiate_by_zero(swept.axes, at_sweep, points, sweeps.postures)
-    # Derivative of charts and targets at angle zero by the joint angles in each sweep
+    # Derivative of charts and targets at angle zero with respect to the joint angles in each sweep
     by_posture = -np.asarray(
         np.linalg.solve(by_zero, by_angle.reshape(len(by_angle), n * n)), dtype=np.float64
     )

@@ -31,13 +31,13 @@ _NO_RESPONSE: Final[frozenset[FindingCode]] = frozenset(
 """With one of these mistakes, the deflections are not what springs would give under the load."""
 
 
-def inspect(
+def inspect_measurements(
     robot: Robot, measurements: Measurements, *, degrees: bool, others: Iterable[KnownRobot] = ()
 ) -> list[Finding]:
     """Look for the usual mistakes of a day of measurements.
 
-    A mistake of the whole set ends the checks that build on it: with positions that no posture explains,
-    drift is not checked, and with wrong angles the response of the springs is not.
+    A mistake in the whole set makes further checks useless: if no posture explains the positions, drift is
+    not checked; if angles are wrong, the deflections under load are not checked.
 
     Args:
         robot: n joints.
@@ -58,19 +58,19 @@ def inspect(
     exchanged = {finding.where for finding in suspects if finding.code == "targets_swapped"}
     # Exchanged names of targets explain a large deflection: only the exchange is reported.
     findings = [f for f in findings if f.code != "deflection_implausibly_large" or f.where not in exchanged]
-    responds = not any(finding.code in _NO_RESPONSE for finding in findings)
+    is_elastic = not any(finding.code in _NO_RESPONSE for finding in findings)
     findings += [*suspects, *inspect_repeats(view)]
     if good.any():
         findings += [*inspect_rigidity(view, good), *inspect_drift(view, good)]
-        findings += inspect_response(view, good) if responds else ()
+        findings += inspect_response(view, good) if is_elastic else ()
     findings += inspect_encoders(view)
     kinds: dict[FindingCode, list[Finding]] = {}
     for finding in findings:
         kinds.setdefault(finding.code, []).append(finding)
     shown: list[Finding] = []
-    for same in kinds.values():
-        shown += same[:MAX_FINDINGS_PER_CODE]
-        more = len(same) - MAX_FINDINGS_PER_CODE
+    for of_one_kind in kinds.values():
+        shown += of_one_kind[:MAX_FINDINGS_PER_CODE]
+        more = len(of_one_kind) - MAX_FINDINGS_PER_CODE
         if more > 0:
             message = f"{shown[-1].message} (and {more} more of this kind)"
             shown[-1] = shown[-1].model_copy(update={"message": message})

@@ -91,7 +91,7 @@ def propose_unit_mistakes(joints: FloatArray, prismatic: BoolArray) -> Iterator[
 
     Args:
         joints: (M, n) joint positions of the controller as posted [rad or m].
-        prismatic: (n,) which of them are lengths.
+        prismatic: (n,) mask of the joints whose positions are lengths.
     """
     rows = np.arange(len(joints))
     shorter, longer = (joints * np.where(prismatic, factor, 1.0) for factor in (1e-3, 1e3))
@@ -109,7 +109,7 @@ def propose_unit_mistakes(joints: FloatArray, prismatic: BoolArray) -> Iterator[
 def propose_angle_mistakes(
     joints: FloatArray, rows: IndexArray, names: tuple[str, ...]
 ) -> Iterator[Hypothesis]:
-    """Yield the hypotheses of a wrong sign of a joint, exchanged joints, and rows shifted by one.
+    """Yield the hypotheses of a wrong sign of a joint, two exchanged joints, and rows shifted by one row.
 
     Args:
         joints: (N, n) controller angles of the whole set [rad].
@@ -141,8 +141,8 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     """Check that each observation sees the targets at the same places on the flange.
 
     Returns:
-        The findings; and a mask (N,) of rows that may be checked further: their targets sit where they
-        should, or no position was measured. The mask is all False if the set as a whole is mistaken.
+        The findings; and a mask (N,) of rows that may be checked further: their targets are at their usual
+        places, or no position was measured. The mask is all False if the whole set is mistaken.
     """
     useful = view.measured & (view.measured.sum(axis=0) > 1)
     rows = np.flatnonzero(useful.any(axis=1))
@@ -159,22 +159,22 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     place = find_consensus_places(seen)
     agree = greatest_distances(seen, place) <= LARGEST_MODEL_ERROR
     sample = sample_rows(rows)
-    joints, judged = view.measurements.joints, []
+    joints, trials = view.measurements.joints, []
     units = propose_unit_mistakes(joints[sample], view.robot.prismatic)
     for h in (*units, *propose_angle_mistakes(joints, sample, view.robot.joint_names)):
         chosen = sample[h.rows]
         at = Postures(view.robot, view.robot.joint_map.model_angles(h.joints))
         there = seen_from_flange(at, h.length * view.measurements.position[chosen], view.measured[chosen])
         mended = find_consensus_places(there)
-        judged.append((h, mended, greatest_distances(there, mended)))
+        trials.append((h, mended, greatest_distances(there, mended)))
     best, mended, apart = max(
-        judged, key=lambda each: (np.sum(each[2] <= LARGEST_MODEL_ERROR), -median(each[2]))
+        trials, key=lambda each: (np.sum(each[2] <= LARGEST_MODEL_ERROR), -median(each[2]))
     )
     near = apart <= LARGEST_MODEL_ERROR
     count, posted_share = int(near.sum()), float(agree.mean())
     if count >= EXPLAINED * len(sample) and count / len(sample) > posted_share + 0.1:
         effect = (
-            f"as posted, the targets keep one position on the flange in {agree.sum()} of {len(rows)} "
+            f"as given, the targets keep one position on the flange in {agree.sum()} of {len(rows)} "
             f"observations; with {best.change}, in {count} of {len(near)}, within "
             f"{length_text(float(apart[near].max()))}"
         )
@@ -192,7 +192,7 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
 def _inspect_disagreeing_rows(
     view: View, rows: IndexArray, seen: FloatArray, place: FloatArray
 ) -> Iterator[Finding]:
-    """Find the mistake of each row that disagrees: exchanged names, or readings of another posture.
+    """Report the mistake of each disagreeing row: exchanged names, readings of another posture, or unknown.
 
     Args:
         view: measurement set.
@@ -247,7 +247,12 @@ def _inspect_disagreeing_rows(
 def _find_posture_of_readings(view: View, i: int, place: FloatArray) -> int | None:
     """Return the row in whose posture the readings of row i were taken; None if they fit no posture.
 
-    Of several rows the nearest is returned. Targets sit at `place` (T, 3) [m] on the flange.
+    If several rows fit, the row nearest to i is returned.
+
+    Args:
+        view: measurement set.
+        i: index of the row with the readings.
+        place: (T, 3) places of the targets on the flange [m].
     """
     at = view.postures
     expected = at.to_base(np.broadcast_to(np.nan_to_num(place), (len(at), *place.shape)))
@@ -274,7 +279,7 @@ def _report_exchanged_targets(
         view: measurement set.
         i: index of the row.
         unloaded: (T,) index of the true target of each unloaded reading; None without an exchange.
-        loaded: the same for loaded readings.
+        loaded: (T,) index of the true target of each loaded reading; None without an exchange.
     """
     both = unloaded is not None and loaded is not None and np.array_equal(unloaded, loaded)
     states = [("unloaded", unloaded), ("loaded", loaded)]
@@ -297,25 +302,30 @@ def _report_exchanged_targets(
 
 
 def _describe_true_names(view: View, order: IndexArray) -> str:
-    """Return in words which target each wrongly named one really is, by true indices (T,)."""
+    """Return in words which target each wrongly named target really is.
+
+    Args:
+        view: measurement set.
+        order: (T,) index of the true target of each reading.
+    """
     names = view.measurements.targets
     return ", ".join(f"'{names[t]}' is '{names[order[t]]}'" for t in _list_wrong_names(order))
 
 
 def _list_wrong_names(order: IndexArray) -> list[int]:
-    """Return the indices of targets whose true index, in order (T,), differs from their own."""
-    return [t for t, own in enumerate(order.tolist()) if own != t]
+    """Return the indices t of wrongly named targets, for which the true index `order[t]` is not t."""
+    return [t for t, true_index in enumerate(order.tolist()) if true_index != t]
 
 
 def _report_mistyped_rows(
     view: View, rows: IndexArray, seen: FloatArray, place: FloatArray
 ) -> Iterator[Finding]:
-    """Report rows with mistyped angles, by which all targets of a row are far from their places at once.
+    """Report rows in which all targets are far from their usual places, as after a typing error in an angle.
 
     Args:
         view: measurement set.
         rows: (M,) indices of the rows.
-        seen: (M, T, 3) their targets as seen from the flange [m].
+        seen: (M, T, 3) targets of these rows as seen from the flange [m].
         place: (T, 3) median places of the targets on the flange [m].
     """
     with np.errstate(invalid="ignore"):
@@ -334,7 +344,7 @@ def _report_mistyped_rows(
 def _find_exchanges_under_load(
     view: View, rows: IndexArray, place: FloatArray
 ) -> tuple[list[int], list[Finding]]:
-    """Find rows whose loaded readings sit at the places of other targets.
+    """Find rows whose loaded readings are at the places of other targets, as after exchanged names.
 
     Args:
         view: measurement set.
@@ -342,7 +352,7 @@ def _find_exchanges_under_load(
         place: (T, 3) places of the targets on the flange [m].
 
     Returns:
-        Indices of these rows, and the findings.
+        Indices of the rows with exchanged loaded readings; and the findings about them.
     """
     far = (np.linalg.norm(view.measurements.deflection[rows], axis=2) > LARGEST_MODEL_ERROR).any(axis=1)
     orders = {i: _match_targets_to_places(_place_loaded_targets(view, i), place) for i in rows[far].tolist()}
@@ -353,12 +363,12 @@ def _find_exchanges_under_load(
 
 
 def sample_rows(rows: IndexArray) -> IndexArray:
-    """Return at most `_ROWS` of the rows (M,), evenly spread: enough to find a mistake of the whole set."""
+    """Return at most `_ROWS` of the rows (M,), evenly spread, enough to find a mistake in the whole set."""
     return np.asarray(rows[np.unique(np.linspace(0, len(rows) - 1, _ROWS).round().astype(int))])
 
 
 def greatest_distances(seen: FloatArray, place: FloatArray) -> FloatArray:
-    """Return the greatest distance (M,) of a target from its place [m], by row; 0 where none was measured.
+    """Return for each row (M,) the greatest distance [m] of a target from its place; 0 if none was measured.
 
     Args:
         seen: (M, T, 3) targets as seen from the flange [m]; NaN where not measured.
@@ -368,7 +378,7 @@ def greatest_distances(seen: FloatArray, place: FloatArray) -> FloatArray:
 
 
 def find_consensus_places(seen: FloatArray) -> FloatArray:
-    """Return the places (T, 3) on the flange [m] that most rows of `seen` (M, T, 3) agree on.
+    """Return the places (T, 3) of the targets on the flange [m] on which most rows (M, T, 3) agree.
 
     A plain median would lie between two places if half of the rows are wrong.
     """
@@ -385,7 +395,7 @@ def _compute_median_places(seen: FloatArray) -> FloatArray:
 
 
 def _match_targets_to_places(seen: FloatArray, place: FloatArray) -> IndexArray | None:
-    """Find out whether targets under exchanged names would be at their places.
+    """Match the targets of one row to places, in case their names are exchanged.
 
     Args:
         seen: (T, 3) targets of one row as seen from the flange [m]; NaN where not measured.
@@ -399,18 +409,20 @@ def _match_targets_to_places(seen: FloatArray, place: FloatArray) -> IndexArray 
     distance = np.linalg.norm(seen[read, None] - place, axis=2)
     distance = np.where(np.isnan(distance), np.inf, distance)
     order[read] = distance.argmin(axis=1)
-    others, off = order[read], distance.min(axis=1).max() > LARGEST_MODEL_ERROR
-    if off or len(np.unique(others)) < len(others) or np.array_equal(others, read):
+    matched = order[read]
+    is_far = distance.min(axis=1).max() > LARGEST_MODEL_ERROR
+    # A match counts only if each target has a place of its own and at least two targets change places.
+    if is_far or len(np.unique(matched)) < len(matched) or np.array_equal(matched, read):
         return None
     return order
 
 
 def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
-    """Report targets that moved on the flange, by distances between targets, and understated noise.
+    """Report targets that moved on the flange, and stated noise that is too small, from target distances.
 
     Args:
         view: measurement set.
-        good: (N,) rows whose angles and names are not in doubt.
+        good: (N,) mask of rows whose angles and names are right as far as known.
     """
     measured, names = view.measured & good[:, None], view.measurements.targets
     places = np.where(measured[..., None], view.places, np.nan)
@@ -491,7 +503,12 @@ class Step:
 
 
 def _subtract_pair_medians(lengths: FloatArray, both: BoolArray) -> FloatArray:
-    """Return distances (2, N, P) less the median of their pair; zero where `both` (N, P) is False."""
+    """Return distances (2, N, P) of P pairs less the median of each pair; zero where `both` is False.
+
+    Args:
+        lengths: (2, N, P) distances of the pairs of targets, unloaded and loaded [m].
+        both: (N, P) mask of the pairs whose two targets were measured.
+    """
     if both.all():
         return np.asarray(lengths - np.median(lengths, axis=(0, 1)))
     out = np.zeros(lengths.shape)
@@ -501,17 +518,17 @@ def _subtract_pair_medians(lengths: FloatArray, both: BoolArray) -> FloatArray:
 
 
 def find_step(places: FloatArray, joints: FloatArray, allowance: float = 1.0) -> Step | None:
-    """Find the most significant lasting displacement of a target relative to the barycentre of the others.
+    """Find the most significant lasting displacement of a target relative to the mean of the other targets.
 
-    Taking differences to the other targets removes the model's error of the flange's position. Its error of
-    the flange's direction varies with the posture and is part of the scatter; it changes no distance, so a
-    step needs a distance that changed by `SMALLEST_MOTION`. The scatter is the median change from row to row,
-    or that about the means of both sides, if greater. A step needs two postures on either side.
+    Differences to the other targets cancel errors of the modelled flange position. Errors of the modelled
+    flange orientation count as scatter; they change no distance between targets, so a distance must have
+    changed by `SMALLEST_MOTION`. The scatter is the median change from row to row, or the scatter about the
+    means before and after the step, if greater. A step needs two postures before and two after.
 
     Args:
-        places: (N, T, 3) in the flange frame [m]; nan where a target was not measured.
+        places: (N, T, 3) places in the flange frame [m]; NaN where a target was not measured.
         joints: (N, n) angles [rad].
-        allowance: factor on what chance allows.
+        allowance: factor on the displacement that chance allows.
 
     Returns:
         The step; None if no displacement is beyond chance.
@@ -557,7 +574,7 @@ def find_step(places: FloatArray, joints: FloatArray, allowance: float = 1.0) ->
 
 
 def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
-    """Report a steady drift of the unloaded targets over the set, by an F test of its three components.
+    """Report a steady drift of the unloaded targets over the set (F test of the drift's three components).
 
     The motion of the targets' barycentre is fitted together with joint offsets, the base's place and the
     barycentre's place on the flange. A set measured in the order of a joint's angle gives no finding, as
@@ -565,7 +582,7 @@ def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
 
     Args:
         view: measurement set.
-        good: (N,) rows whose angles and names are not in doubt.
+        good: (N,) mask of rows whose angles and names are right as far as known.
     """
     measured = view.measured & good[:, None]
     most = measured.sum(axis=1).max()
@@ -592,15 +609,15 @@ def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
         return
     without, left = (triangle.residual_squares(names) for names in (["model"], ["model", "motion"]))
     ratio = (without - left) / 3.0 / max(left / freedom, _EXACT) / MODEL_ALLOWANCE**2
-    chance = float(special.fdtrc(3.0, freedom, max(0.0, ratio)))
+    p_value = float(special.fdtrc(3.0, freedom, max(0.0, ratio)))
     drift = triangle.fit_with(["motion"], "model").unknowns
     size = float(np.linalg.norm(drift))
-    if chance < FALSE_ALARM and size > SMALLEST_MOTION:
+    if p_value < FALSE_ALARM and size > SMALLEST_MOTION:
         yield view.build_finding(
             "drift_in_time",
             f"over the whole set, the unloaded targets drifted by {length_text(size)} relative to the "
             f"robot's model (x {length_text(drift[0])}, y {length_text(drift[1])}, z "
-            f"{length_text(drift[2])}; p = {chance:.1g})",
+            f"{length_text(drift[2])}; p = {p_value:.1g})",
             "check the tracker's stand, warm-up and temperature; a deflection is affected only by "
             "drift between its two readings",
         )
@@ -648,14 +665,14 @@ class Springs:
 
     @classmethod
     def fit(cls, block: RegressorBlock, rows: slice = _ALL, shift: int = 0) -> Springs:
-        """Fit compliances of either sign so as to minimise the sum of distances, not of their squares.
+        """Fit compliances of either sign that minimise the sum of the residuals' lengths, not of the squares.
 
-        Few mistaken rows then hardly change the fit.
+        A few mistaken rows then hardly change the fit.
 
         Args:
             block: regressor and deflections of the whole set.
             rows: rows whose deflections are fitted; all are predicted.
-            shift: number of rows by which loads and postures are taken from later rows than the deflections.
+            shift: deflections of row i are fitted with load and posture of row i + shift.
         """
         deflection, count = block.measurements.deflection, len(block.A)
         chosen = np.arange(count)[rows]
@@ -664,18 +681,25 @@ class Springs:
         A = block.A[chosen + shift].reshape(len(chosen), -1, block.A.shape[-1])
         compliance = _minimise_distances(A, deflection[chosen].reshape(len(chosen), -1))
         predicted = block.A @ compliance
-        moved = median(observation_norms(deflection))
+        moved = median(compute_observation_norms(deflection))
         return cls(
             predicted=predicted,
             residual=deflection - predicted,
             work=float((block.torque**2).sum(axis=0) @ compliance),
             parameters=int(np.count_nonzero(compliance)),
-            unexplained=float(median(observation_norms(deflection - predicted)) / moved) if moved else 0.0,
+            unexplained=float(median(compute_observation_norms(deflection - predicted)) / moved)
+            if moved
+            else 0.0,
         )
 
 
 def _minimise_distances(A: FloatArray, d: FloatArray) -> FloatArray:
-    """Return the compliances c (n,) that minimise Σ ‖d_i − A_i c‖, by reweighted least squares."""
+    """Return the compliances c (n,) that minimise Σ ‖d_i − A_i c‖ (iteratively reweighted least squares).
+
+    Args:
+        A: (K, m, n) regressors A_i.
+        d: (K, m) deflections d_i [m].
+    """
     norms = np.sqrt((A**2).sum(axis=(0, 1)))
     visible = np.flatnonzero(norms > _NULL * norms.max())
     compliance = np.zeros(A.shape[-1])
@@ -683,27 +707,27 @@ def _minimise_distances(A: FloatArray, d: FloatArray) -> FloatArray:
         return compliance
     scaled = A[..., visible] / norms[visible]
     gram, moment = scaled.transpose(0, 2, 1) @ scaled, np.einsum("kij,ki->kj", scaled, d)
-    weight, held = np.ones(len(d)), _RIDGE / len(d) * np.eye(len(visible))
+    weight, ridge = np.ones(len(d)), _RIDGE / len(d) * np.eye(len(visible))
     for _ in range(_ROUNDS):
         G = np.einsum("k,kij->ij", weight, gram) / weight.sum()
-        x = np.linalg.solve(G + held, weight @ moment / weight.sum())
+        x = np.linalg.solve(G + ridge, weight @ moment / weight.sum())
         distance = np.linalg.norm(d - scaled @ x, axis=1)
         weight = 1.0 / np.maximum(distance, max(1e-3 * median(distance), 1e-12))
     compliance[visible] = x / norms[visible]
     return compliance
 
 
-def observation_norms(rows: FloatArray) -> FloatArray:
+def compute_observation_norms(rows: FloatArray) -> FloatArray:
     """Return the Euclidean norm (N,) of all components of each observation."""
     return np.asarray(np.linalg.norm(rows.reshape(len(rows), -1), axis=1))
 
 
 def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
-    """Fit joint springs to the deflections, and report mistakes that the residuals show.
+    """Fit joint compliances to the deflections, and report mistakes that the residuals show.
 
     Args:
         view: measurement set.
-        good: (N,) rows whose angles and names are not in doubt.
+        good: (N,) mask of rows whose angles and names are right as far as known.
     """
     rows = np.flatnonzero(good & view.loaded)
     m = view.measurements
@@ -720,8 +744,11 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
         yield of_the_set
         return
     # `against` (M,) marks observations that are explained much better with the load reversed.
-    predicted, residual = observation_norms(springs.predicted), observation_norms(springs.residual)
-    turned = observation_norms(springs.residual + 2.0 * springs.predicted)
+    predicted, residual = (
+        compute_observation_norms(springs.predicted),
+        compute_observation_norms(springs.residual),
+    )
+    turned = compute_observation_norms(springs.residual + 2.0 * springs.predicted)
     against = np.asarray((turned < FLIPPED * residual) & (predicted > noise))
     for k in np.flatnonzero(against):
         yield view.build_finding(
@@ -734,16 +761,23 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
             row=int(rows[k]),
         )
     for coordinates in (1, 3):
-        judged = (part.coordinates == coordinates) & ~against[:, None]
-        yield from _find_residual_outliers(view, rows, part, springs, judged)
+        compared = (part.coordinates == coordinates) & ~against[:, None]
+        yield from _find_residual_outliers(view, rows, part, springs, compared)
 
 
 def _find_mistake_of_the_set(
     view: View, rows: IndexArray, block: RegressorBlock, springs: Springs
 ) -> Finding | None:
-    """Return the finding about a mistake in all or many rows; None without one.
+    """Return the finding about a mistake in all or many rows; None if no such mistake is found.
 
-    Mistaken angles and shifted rows are searched only without positions, which have been checked before.
+    Mistaken angles and shifted rows are searched only if no positions were measured: with positions, other
+    checks have searched them.
+
+    Args:
+        view: measurement set.
+        rows: (M,) indices of the rows that are checked.
+        block: regressor and deflections of these rows.
+        springs: fit of these rows.
     """
     if not view.measured.any():
         if springs.unexplained > WORTH_A_SEARCH and (mistake := _find_mistaken_angles(view, block, springs)):
@@ -775,11 +809,11 @@ def _find_mistake_of_the_set(
 
 def _find_mistaken_angles(view: View, block: RegressorBlock, springs: Springs) -> Finding | None:
     """Return the finding about mistaken angles whose correction halves the unexplained share, or None."""
-    part, judged = block.measurements, []
+    part, trials = block.measurements, []
     for hypothesis in propose_angle_mistakes(part.joints, np.arange(len(part)), view.robot.joint_names):
         corrected = replace(part[hypothesis.rows], joints=hypothesis.joints)
-        judged.append((Springs.fit(whole_block(view.robot, corrected)).unexplained, hypothesis))
-    left, best = min(judged, key=lambda pair: pair[0])
+        trials.append((Springs.fit(whole_block(view.robot, corrected)).unexplained, hypothesis))
+    left, best = min(trials, key=lambda pair: pair[0])
     if left >= BETTER * springs.unexplained or left > UNEXPLAINED:
         return None
     return view.build_finding(
@@ -796,8 +830,8 @@ def _find_shifted_rows(
 ) -> Finding | None:
     """Return the finding about the longest run of rows whose deflections fit a neighbouring row far better.
 
-    With a large unexplained share, springs are also fitted to one half of the rows, with and without a shift,
-    because a fit to all rows would mix both kinds. Returns None without such a run.
+    If a large share is unexplained, springs are fitted to one half of the rows, with and without a shift,
+    because a fit to all rows would mix right and shifted rows. None is returned if there is no such run.
     """
     fits, deflection = [springs], block.measurements.deflection
     if springs.unexplained > UNEXPLAINED:
@@ -806,9 +840,11 @@ def _find_shifted_rows(
         fits += [Springs.fit(block, slice(half, None), shift) for shift in (-1, 1)]
     longest, neighbour = np.empty(0, np.intp), ""
     for fit in fits:
-        own = observation_norms(fit.residual)
+        own = compute_observation_norms(fit.residual)
         for by, name in ((-1, "before"), (1, "after")):
-            better = observation_norms(deflection - np.roll(fit.predicted, -by, axis=0)) < BETTER * own
+            better = (
+                compute_observation_norms(deflection - np.roll(fit.predicted, -by, axis=0)) < BETTER * own
+            )
             better[0 if by < 0 else -1] = False  # the neighbour of the end is not next to the mistake
             marked = np.flatnonzero(better)
             run = max(np.split(marked, np.flatnonzero(np.diff(marked) > 1) + 1), key=len)
@@ -828,30 +864,36 @@ def _find_shifted_rows(
 
 
 def _find_residual_outliers(
-    view: View, rows: IndexArray, part: Measurements, springs: Springs, judged: BoolArray
+    view: View, rows: IndexArray, part: Measurements, springs: Springs, compared: BoolArray
 ) -> Iterator[Finding]:
-    """Yield a finding for each reading whose residual is far above the typical one.
+    """Yield a finding for each reading whose residual is far above the typical residual.
 
-    Two targets of an observation whose names look exchanged are one finding. Only readings marked in `judged`
-    (M, T) are compared; all of them have the same number of coordinates.
+    Two targets of an observation whose names look exchanged give a single finding.
+
+    Args:
+        view: measurement set.
+        rows: (M,) indices of the rows that are compared.
+        part: measurements of these rows.
+        springs: fit of these rows.
+        compared: (M, T) mask of the readings to compare, all with the same number of coordinates.
     """
     norm, targets = np.linalg.norm(springs.residual, axis=2), part.targets
-    count, each = int(judged.sum()), int(part.coordinates[judged].max(initial=0))
+    count, each = int(compared.sum()), int(part.coordinates[compared].max(initial=0))
     freedom = each * count - springs.parameters
     if freedom < springs.parameters:
         return
-    scale = vector_scale(norm[judged], each) * np.sqrt(each * count / freedom)
+    scale = vector_scale(norm[compared], each) * np.sqrt(each * count / freedom)
     limit = MODEL_ALLOWANCE * vector_quantile(count, freedom, each) * scale
     stated = vector_quantile(count, 1e6, each) * np.sqrt(2.0) * view.reading_sigma[rows]
     # A residual has to be unusual relative to the deflection, too: what else bends, bends with the load.
     moved = np.maximum(np.linalg.norm(part.deflection, axis=2), np.linalg.norm(springs.predicted, axis=2))
     share = norm / np.maximum(moved, 1e-300)
     share_limit = MODEL_ALLOWANCE * vector_quantile(count, each * count, each)
-    share_limit *= vector_scale(share[judged], each)
-    beyond = judged & (norm > np.maximum(max(limit, SMALLEST_RESIDUAL), stated))
+    share_limit *= vector_scale(share[compared], each)
+    beyond = compared & (norm > np.maximum(max(limit, SMALLEST_RESIDUAL), stated))
     beyond &= share > min(share_limit, UNEXPLAINED)
     for k in np.flatnonzero(beyond.any(axis=1)):
-        t = int(np.where(judged[k], norm[k], 0.0).argmax())
+        t = int(np.where(compared[k], norm[k], 0.0).argmax())
         pair = find_exchanged_pair(part.deflection[k], springs.predicted[k], part.present[k])
         if pair is not None:
             yield view.build_finding(
@@ -876,7 +918,7 @@ def _find_residual_outliers(
 def find_exchanged_pair(
     deflection: FloatArray, predicted: FloatArray, present: BoolArray
 ) -> tuple[int, int] | None:
-    """Return two targets whose deflections fit far better if exchanged; None without such a pair.
+    """Return the indices of two targets whose deflections fit far better if exchanged; None without a pair.
 
     Args:
         deflection: (T, 3) measured [m].
@@ -897,7 +939,7 @@ def find_exchanged_pair(
 def inspect_encoders(view: View) -> Iterator[Finding]:
     """Report encoders that show a deflection opposite to the load's torque, or an implausibly large one.
 
-    A spring gives way to its torque, so the work ``τ_j δθ_j`` on it is negative by noise alone.
+    A spring yields in the direction of its torque, so only noise makes the work ``τ_j δθ_j`` negative.
 
     Yields:
         At most one finding of each kind for each joint.

@@ -57,15 +57,15 @@ class _Fit:
 
 
 def inspect_robots(view: View, others: Iterable[KnownRobot]) -> Iterator[Finding]:
-    """Name the robots that explain the positions where the chosen one does not, the best first.
+    """Report other robots that explain the positions better than the chosen robot, the best first.
 
-    A robot explains the positions if its flange sees the targets at one place, to `LARGEST_NOMINAL_ERROR`,
-    in the fraction `EXPLAINED` of the observations, and if the chosen robot's flange does so, to
-    `LARGEST_MODEL_ERROR`, in clearly fewer.
+    A robot explains an observation if the targets are at their usual places on its flange, within
+    `LARGEST_NOMINAL_ERROR`. It is reported if it explains the fraction `EXPLAINED` of the observations, and
+    the chosen robot, within `LARGEST_MODEL_ERROR`, clearly fewer.
 
     Args:
         view: measurement set, seen with the chosen robot.
-        others: robots to try; those of other kinds of joints are passed over.
+        others: robots to try; robots with other kinds of joints are skipped.
     """
     useful = view.measured & (view.measured.sum(axis=0) > 1)
     rows = sample_rows(np.flatnonzero(useful.any(axis=1)))

@@ -19,7 +19,7 @@ from jointstiff.schemas.finding import Action, Finding, FindingCode, Unit, Verdi
 from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.mechanics.block import unloaded_postures
-from jointstiff.solver.mechanics.measurements import NOISE_SIGMAS, Measurements, first_equal
+from jointstiff.solver.mechanics.measurements import NOISE_SIGMAS, Measurements, find_first_equal
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import figure, length_text
@@ -83,7 +83,7 @@ class View:
         *,
         row: int | None = None,
     ) -> Finding:
-        """Build a finding about one observation (row), or about the whole set if row is None."""
+        """Build a finding about the observation with index `row`, or about the whole set if `row` is None."""
         return Finding(
             code=code,
             weight=weight,
@@ -117,7 +117,7 @@ class View:
 
     @cached_property
     def measured(self) -> BoolArray:
-        """(N, T) targets whose positions were read in R0."""
+        """(N, T) mask of targets whose positions were read in R0."""
         return np.asarray(self.measurements.present & ~self.measurements.in_flange)
 
     @cached_property
@@ -137,9 +137,9 @@ class View:
 
     @cached_property
     def in_order(self) -> bool:
-        """Return whether the postures were measured in the order of a joint's angle.
+        """True if the postures were measured in the order of a joint's angle.
 
-        Errors of the model then change from row to row as a drift does.
+        Errors of the model then change gradually from row to row, as a drift in time does.
         """
         q = self.measurements.joints
         time = np.arange(len(q)) - 0.5 * (len(q) - 1)
@@ -149,22 +149,22 @@ class View:
 
     @cached_property
     def loaded(self) -> BoolArray:
-        """(N,) whether an observation has any load."""
+        """(N,) mask of observations with a force or a moment."""
         return np.asarray(self.measurements.force.any(axis=1) | self.measurements.moment.any(axis=1))
 
 
 def seen_from_flange(postures: Postures, position: FloatArray, measured: BoolArray) -> FloatArray:
-    """Return positions (N, T, 3) in R0 [m] transformed to the flange frame; NaN where not measured."""
+    """Return positions (N, T, 3) in R0 [m] in the flange frame [m]; NaN where not measured."""
     return np.where(measured[..., None], postures.to_flange(position), np.nan)
 
 
 def vector_quantile(comparisons: int, freedom: float, coordinates: int = 3) -> float:
-    """Return the norm, relative to its scale, that any of several vectors exceeds by chance at `FALSE_ALARM`.
+    """Return the norm, over its scale, that one of several random vectors exceeds at level `FALSE_ALARM`.
 
     Args:
         comparisons: number of vectors.
-        freedom: number of coordinates from which the scale was estimated by medians.
-        coordinates: coordinates of a vector.
+        freedom: number of coordinates from which the scale was estimated as a median.
+        coordinates: number of coordinates of each vector.
     """
     below = 1.0 - FALSE_ALARM / max(comparisons, 1)
     F = special.fdtri(coordinates, max(1.0, MEDIAN_EFFICIENCY * freedom), below)
@@ -179,13 +179,14 @@ def median(sizes: FloatArray) -> float:
 
 
 def vector_scale(norms: FloatArray, coordinates: int = 3) -> float:
-    """Estimate the standard deviation of a coordinate by the median norm of K vectors (K,); 0 if K = 0."""
+    """Estimate the standard deviation of a coordinate from the norms (K,) of K vectors; 0 if K is 0."""
+    # Median norm of a vector whose coordinates have the standard deviation 1
     unit = float(np.sqrt(2.0 * special.gammaincinv(0.5 * coordinates, 0.5)))
     return median(norms) / unit if norms.size else 0.0
 
 
 def inspect_values(view: View) -> Iterator[Finding]:
-    """Run all checks that look at the numbers alone, without comparing readings with the robot's model."""
+    """Yield the findings of all checks of numbers alone, which compare no reading with the robot's model."""
     for check in (
         inspect_angles,
         inspect_rare_targets,
@@ -299,7 +300,7 @@ def inspect_flange_lengths(view: View) -> Iterator[Finding]:
 
 
 def inspect_deflections(view: View) -> Iterator[Finding]:
-    """Report deflections that are implausibly large or small, or that the noise hides."""
+    """Report deflections that are implausibly large, implausibly small, or smaller than the noise."""
     m = view.measurements
     length = np.linalg.norm(m.deflection, axis=2)
     largest = length.max(axis=1)
@@ -332,10 +333,10 @@ def inspect_deflections(view: View) -> Iterator[Finding]:
 
 
 def inspect_duplicates(view: View) -> Iterator[Finding]:
-    """Report copied observations: readings of two measurements never agree in every digit."""
+    """Report observations whose readings equal those of another observation in every digit."""
     m = view.measurements
     read = np.concatenate([m.position * view.measured[..., None], m.deflection], axis=1).reshape(len(m), -1)
-    for i, j in enumerate(first_equal(read).tolist()):
+    for i, j in enumerate(find_first_equal(read).tolist()):
         same = np.array_equal(m.joints[i], m.joints[j])
         if j == i or (np.count_nonzero(read[i]) <= _NUMBERS_OF_CHANCE and not same):
             continue
@@ -350,13 +351,14 @@ def inspect_duplicates(view: View) -> Iterator[Finding]:
 
 
 def inspect_repeats(view: View) -> Iterator[Finding]:
-    """Report the noise that repeated observations show, in deflections and in unloaded positions.
+    """Report the scatter of repeated observations, of deflections and of unloaded positions.
 
-    Deflections show the tracker's noise alone, as the robot's position cancels; positions show both.
+    Deflections show the tracker's noise alone, as the robot's position cancels; positions show the noise of
+    tracker and robot.
     """
     m = view.measurements
     posture = np.round(m.joints / SAME_ANGLE)
-    if len(np.unique(first_equal(posture))) == len(m):
+    if len(np.unique(find_first_equal(posture))) == len(m):
         return
     load = np.concatenate([m.force, m.moment, m.load_point, m.present], axis=1)
     along = np.zeros((len(m), 0)) if m.direction is None else np.round(m.direction.reshape(len(m), -1), 4)
@@ -390,15 +392,15 @@ def inspect_repeats(view: View) -> Iterator[Finding]:
 
 
 def _pool_scatter(values: FloatArray, coordinates: IndexArray, keys: FloatArray) -> tuple[float, int, int]:
-    """Return the pooled variance of rows with equal keys, its degrees of freedom, and the number of repeats.
+    """Return the pooled variance of a coordinate, its degrees of freedom, and the number of repeated rows.
 
     Args:
         values: (N, T, 3) vectors.
         coordinates: (N, T) number of coordinates that were read; zero where not measured.
-        keys: (N, K) rows with equal keys are repeats of each other.
+        keys: (N, K) keys of the rows; rows with equal keys repeat each other.
     """
     squares, freedom, count = 0.0, 0, 0
-    group = first_equal(keys)
+    group = find_first_equal(keys)
     numbers, sizes = np.unique(group, return_counts=True)
     for number in numbers[sizes > 1]:
         rows = np.flatnonzero(group == number)

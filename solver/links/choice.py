@@ -34,42 +34,42 @@ from jointstiff.solver.links.model import (
     formulate,
     select_rows_of_part,
 )
-from jointstiff.solver.mechanics.measurements import Measurements, first_equal
+from jointstiff.solver.mechanics.measurements import Measurements, find_first_equal
 from jointstiff.solver.mechanics.robot import Robot
 
 
 def list_models_to_compare(screening: Screening, requested: ModelName | None) -> tuple[ModelName, ...]:
     """Return the models to compare, from simple to rich.
 
-    A bending base is compared only if its test finds one. If links explain nothing once the base bends, no
-    model with links is compared; if the base explains nothing once links bend either, links and base compete;
-    if each explains something that the other leaves, a model with links and base is compared as well.
+    Models with a bending base are compared only if a test finds that the base bends. If links then explain
+    nothing in addition to the base, models with links are omitted; if the base explains nothing in addition
+    to links, the model with both is omitted.
 
     Args:
-        screening: tests of what joints alone leave unexplained.
+        screening: tests of the residuals of joints alone for other causes.
         requested: model that the request names; None leaves the choice to the tests.
     """
     if requested in WITH_BASE:
         return MODELS
-    if requested is not None or not screening.base_speaks:
+    if requested is not None or not screening.base_needs_validation:
         return tuple(name for name in MODELS if name not in WITH_BASE)
-    base_is_needed = screening.base_beside_links < LINKS_LEVEL
-    if screening.links_beside_base >= LINKS_LEVEL and base_is_needed:
+    base_is_needed = screening.base_p_value_with_links < LINKS_LEVEL
+    if screening.links_p_value_with_base >= LINKS_LEVEL and base_is_needed:
         return ("joints", "joints_and_base")
     return tuple(name for name in MODELS if base_is_needed or name != "links_and_base")
 
 
 WEIGHTS: Final = tuple(10.0 ** (quarter / 4.0) for quarter in range(-12, 1, 2))
-"""λ that suffice to choose between models and losses, two a decade."""
+"""Weights λ of the penalty, two per decade, that suffice to choose between models and losses."""
 LIMITS: Final = (1e-7, 10.0)
-"""λ with hardly any penalty, and λ that leaves nothing of the links: `refine_path` does not go beyond."""
+"""Least and greatest weight λ tried: hardly any penalty, and a penalty with which no link bends."""
 _GAP: Final = 1e-4
 """Tolerance of the fitted readings, or of the sum of their residuals, relative to all: far below the accuracy
 of predicted readings."""
 
 
 def draw_folds(validation: CrossValidation, joints: FloatArray) -> tuple[IndexArray, ...]:
-    """Divide observations at random into folds for cross-validation; one posture is never divided.
+    """Divide observations at random into folds for cross-validation; all of one posture share a fold.
 
     Args:
         validation: numbers of folds and draws, and the seed.
@@ -79,10 +79,10 @@ def draw_folds(validation: CrossValidation, joints: FloatArray) -> tuple[IndexAr
         The indices of the observations of each fold, one draw after the other.
 
     Raises:
-        UnsupportedMethodError: there is one posture only.
+        UnsupportedMethodError: the set has a single posture.
     """
     # Postures are numbered by first appearance, so that the values of the angles do not affect the draw.
-    postures, posture = np.unique(first_equal(joints), return_inverse=True)
+    postures, posture = np.unique(find_first_equal(joints), return_inverse=True)
     count = len(postures)
     if count < 2:
         raise UnsupportedMethodError(
@@ -101,9 +101,9 @@ def draw_folds(validation: CrossValidation, joints: FloatArray) -> tuple[IndexAr
 
 @dataclass(frozen=True, eq=False)
 class PenaltyPath:
-    """A model fitted with each of K folds held out in turn, for W ascending weights of the penalty."""
+    """Fits of a model with each of K folds held out in turn, for W ascending weights of the penalty."""
 
-    weights: tuple[float, ...]  #: λ
+    weights: tuple[float, ...]  #: W weights λ
     compliances: FloatArray  #: (K, W, P) fitted compliances; NaN where no optimum was certified
     #: (K, W) mean norm of the held-out targets' whitened residuals [m]; the root mean square of their
     #: coordinates in a set of more than `MOST_TARGETS` targets
@@ -111,7 +111,7 @@ class PenaltyPath:
 
 
 class Folds:
-    """A measurement set divided into folds; each fold is compressed once, when it is first needed.
+    """Measurement set divided into folds; each fold is compressed once, when it is first needed.
 
     Attributes:
         robot: n joints.
@@ -152,7 +152,10 @@ class Folds:
         return elastic_rows(self.robot, self.measurements, self.columns, self.held_out)
 
     def training(self, fold: int | None) -> ElasticRows:
-        """Return the compressed rows of the training set: the folds of a draw but one, or the whole set."""
+        """Return the compressed rows of a training set: all folds of a draw except `fold`, or the whole set.
+
+        The whole set is returned if `fold` is None.
+        """
         if fold not in self._training:
             start = 0 if fold is None else fold // self.per_draw * self.per_draw
             draw = range(start, start + self.per_draw)
@@ -160,7 +163,7 @@ class Folds:
         return self._training[fold]
 
     def formulation(self, model: ElasticModel, fold: int | None = None) -> Formulation:
-        """Return the problem of fitting a model to all folds of a draw but one, or to the whole set for None.
+        """Return the problem of fitting a model to all folds of a draw except `fold`; None for the whole set.
 
         Raises:
             UnsupportedMethodError: the penalty has no scale.
@@ -172,7 +175,11 @@ class Folds:
         return self._formulations[key]
 
     def error(self, fold: int, compliances: FloatArray) -> FloatArray:
-        """Return the prediction errors (W,) [m] of compliances (W, P) in a fold; see `PenaltyPath`."""
+        """Return the prediction errors (W,) [m] of compliances (W, P) in a fold.
+
+        The error is the mean norm of the targets' whitened residuals; in a set of more than `MOST_TARGETS`
+        targets, it is the root mean square of their coordinates.
+        """
         rows = self.rows[fold]
         if int(self.measurements.present.sum()) <= MOST_TARGETS:
             return np.array([rows.residual_norms(each).mean() for each in compliances])
@@ -183,7 +190,7 @@ class Folds:
 def fit_fold(
     folds: Folds, model: ElasticModel, fold: int, weights: Sequence[float]
 ) -> tuple[FloatArray, FloatArray]:
-    """Fit a model to all folds of a draw but one, for some weights of the penalty.
+    """Fit a model with one fold of a draw held out, for some weights of the penalty.
 
     Where no optimum can be certified for a weight, compliances and error are NaN.
 
@@ -191,24 +198,24 @@ def fit_fold(
         folds: the divided measurement set.
         model: what bends.
         fold: index of the fold that is held out.
-        weights: W weights λ; a model of joints alone has no penalty, so that all give the same.
+        weights: W weights λ; a model of joints alone has no penalty, so that all weights give the same fit.
 
     Returns:
-        (W, P) compliances and (W,) errors, as in `PenaltyPath`.
+        The compliances (W, P), and the errors (W,) [m] with which they predict the held-out fold.
     """
     form = folds.formulation(model, fold)
     cone = form.cone
     if cone.penalised or cone.sizes:
         parameters = np.array([_fit_parameters(form, model, weight) for weight in weights])
     else:
-        alone = form.joints_only() if model.loss == "squared" else _fit_parameters(form, model, 1.0)
+        alone = form.fit_joints_only() if model.loss == "squared" else _fit_parameters(form, model, 1.0)
         parameters = np.tile(alone, (len(weights), 1))
     compliances = form.compliances(parameters)
     return compliances, folds.error(fold, compliances)
 
 
 def fit_folds(folds: Folds, model: ElasticModel, weights: Sequence[float]) -> PenaltyPath:
-    """Fit a model with each fold held out in turn, for ascending weights of the penalty."""
+    """Fit a model with each fold held out in turn, for ascending weights of the penalty; return the fits."""
     fits = [fit_fold(folds, model, fold, weights) for fold in range(len(folds))]
     compliances, errors = map(np.array, zip(*fits, strict=True))
     return PenaltyPath(tuple(weights), compliances, errors)
@@ -251,7 +258,7 @@ def _fit_parameters(form: Formulation, model: ElasticModel, weight: float) -> Fl
 
 
 def find_certified_weights(errors: FloatArray) -> BoolArray:
-    """Return which weights (W,) have a certified fit in every fold, by the errors (K, W)."""
+    """Return a mask (W,) of weights with a certified fit in every fold; errors (K, W) are NaN without one."""
     return np.asarray(np.isfinite(errors).all(axis=0))
 
 
@@ -263,7 +270,7 @@ def choose_weight_index(
     Args:
         errors: (K, W) errors of K folds for W ascending weights; NaN where no fit was certified.
         rule: `best` takes the weight of least error, `one_standard_error` the largest whose error is within
-            one standard error of that.
+            one standard error of the least error.
         draws: number of draws that divide the same postures: further draws add no independent errors.
 
     Raises:
@@ -287,7 +294,7 @@ def choose_weight_index(
 class HeldOut:
     """Accuracy of a model's prediction of readings that were held out of its fit."""
 
-    model: ModelName  #: model that predicts
+    model: ModelName  #: name of the model
     loss: Loss  #: loss of its fit
     error: float  #: mean over the folds of the held-out error that chose the penalty; see `PenaltyPath` [m]
     penalty: float | None  #: weight λ that was chosen; None of joints alone
@@ -312,9 +319,9 @@ class HeldOut:
         return float(self.by_posture.mean())
 
     def compare_residuals(self, other: HeldOut) -> tuple[float, float]:
-        """Return by how much the mean residual exceeds another model's, and the standard error of that [m].
+        """Return this model's mean residual minus another model's, and the difference's standard error [m].
 
-        The differences are paired by posture.
+        The residuals are compared posture by posture.
         """
         worse = self.by_posture - other.by_posture
         return float(worse.mean()), float(worse.std(ddof=1) / np.sqrt(len(worse)))
@@ -322,19 +329,19 @@ class HeldOut:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """Models and losses side by side, from simple to rich."""
+    """Comparison of models and losses on held-out postures, and the models chosen from it."""
 
-    models: tuple[HeldOut, ...]  #: models that were compared, each with all losses
+    models: tuple[HeldOut, ...]  #: compared models, from simple to rich, each with all losses
     best: ModelName  #: model of least mean residual of held-out postures, each with its best loss
     simplest: ModelName  #: simplest model that predicts nearly as well as the best; see `find_simplest_model`
     largest: ModelName  #: richest model that contains the simplest: its fit gives the intervals
-    #: gain of the best other model over joints alone; None if one of them has no certified fit
+    #: gain of the best other model over joints alone; None if either has no certified fit
     gain: HeldOutGain | None
-    #: best model with links alone, where the base is chosen and held-out postures do not distinguish the two
+    #: best model with links alone, if a bending base is chosen and predicts no better than this model
     tied: ModelName | None = None
 
-    def of(self, model: ModelName, losses: Sequence[Loss] = LOSSES) -> HeldOut:
-        """Return the prediction of a model with the loss of least held-out error, among some losses."""
+    def find_held_out(self, model: ModelName, losses: Sequence[Loss] = LOSSES) -> HeldOut:
+        """Return the held-out accuracy of a model, with the loss among `losses` that has the least error."""
         return _pick_best_loss(self.models, model, losses)
 
     def replace_refined(self, refined: HeldOut) -> Selection:
@@ -345,7 +352,10 @@ class Selection:
 
     @classmethod
     def choose_among(cls, models: Sequence[HeldOut], *, screened: bool) -> Selection:
-        """Choose among models with their losses, given from simple to rich; see `select_model`."""
+        """Choose the best, simplest and largest of models that are listed from simple to rich.
+
+        `screened` is true if a test has shown that something besides the joints bends.
+        """
         names = dict.fromkeys(each.model for each in models)
         by_name = [_pick_best_loss(models, name, LOSSES) for name in names]
         best = min(by_name, key=lambda each: each.mean_residual)
@@ -362,7 +372,7 @@ class Selection:
 
 
 def _pick_best_loss(models: Sequence[HeldOut], name: ModelName, losses: Sequence[Loss]) -> HeldOut:
-    """Return the prediction of a model with that of some losses whose held-out error is least."""
+    """Return the held-out accuracy of the model `name`, with the loss among `losses` of least error."""
     scores = [each for each in models if each.model == name and each.loss in losses]
     return min(scores, key=lambda each: each.error)
 
@@ -388,12 +398,13 @@ def select_model(
     validation = folds.validation
     keys = [(name, loss) for name in MODELS for loss in LOSSES if (name, loss) in paths]
     answers = {key: bool(find_certified_weights(paths[key].errors).any()) for key in keys}
-    none = not any(answers[key] for key in keys if key[0] == requested)
-    keys = [key for key in keys if answers[key] or (none and key[0] == requested)]
+    # If no fit of the requested model is certified, its keys stay: choosing its weight then raises the error.
+    none_certified = not any(answers[key] for key in keys if key[0] == requested)
+    keys = [key for key in keys if answers[key] or (none_certified and key[0] == requested)]
     places = {key: choose_weight_index(paths[key].errors, validation.rule, validation.draws) for key in keys}
     chosen = np.array([paths[key].compliances[:, place] for key, place in places.items()])
     compensation, norms = _score_held_out(folds, chosen)
-    posture = np.unique(first_equal(folds.measurements.joints), return_inverse=True)[1]
+    posture = np.unique(find_first_equal(folds.measurements.joints), return_inverse=True)[1]
     of_posture = posture[np.concatenate(folds.held_out)]
     by_posture = np.array([np.bincount(of_posture, row) for row in norms]) / np.bincount(of_posture)
     models = tuple(
@@ -412,11 +423,11 @@ def select_model(
 
 
 def find_simplest_model(by_name: Sequence[HeldOut], best: HeldOut, *, screened: bool) -> ModelName:
-    """Return the simplest of models, from simple to rich, that predicts nearly as well as the best.
+    """Return the simplest model that predicts nearly as well as the best.
 
-    Nearly as well means within one standard error of the difference, paired by posture; within two for joints
-    alone, unless a test has shown that something else bends (`screened`): a rigid robot would otherwise get a
-    richer model in nearly half of all campaigns.
+    `by_name` lists models from simple to rich. "Nearly" means within one standard error of the difference;
+    for joints alone within two, unless a test has shown that something else bends (`screened`): otherwise a
+    robot with rigid links would get a richer model in nearly half of all campaigns.
     """
     of_joints = 1.0 if screened else CLEAR_GAIN
     behind = [(each.model, *each.compare_residuals(best)) for each in by_name]
@@ -426,19 +437,19 @@ def find_simplest_model(by_name: Sequence[HeldOut], best: HeldOut, *, screened: 
 
 
 def find_richest_model(names: Sequence[ModelName], chosen: ModelName) -> ModelName:
-    """Return the richest of models, from simple to rich, in which everything bends that the chosen bends.
+    """Return the richest model in which every element of the chosen model bends.
 
-    A model that predicts best trades bias for variance, and an interval that takes it for true is too narrow
-    (Leeb & Pötscher, *Model selection and inference: facts and fiction*, 2005). The richest model may predict
-    worse; its intervals are still valid, as wide as the readings leave the compliances open.
+    `names` are ordered from simple to rich. Intervals computed as if the chosen model were true would be too
+    narrow (Leeb & Pötscher, *Model selection and inference: facts and fiction*, 2005); intervals of the
+    richest model are valid, even if this model predicts worse.
     """
     return [name for name in names if name in WITH_BASE or chosen not in WITH_BASE][-1]
 
 
 def _find_tied_model(by_name: Sequence[HeldOut], chosen: ModelName) -> ModelName | None:
-    """Return the best model with links alone, if it predicts nearly as well as the chosen bending base.
+    """Return the best model with links alone, if it predicts nearly as well as the chosen joints and base.
 
-    Nearly as well means within one standard error of the difference. None if the base is not chosen.
+    "Nearly" means within one standard error of the difference. None if another model is chosen.
     """
     base = next((each for each in by_name if each.model == chosen == "joints_and_base"), None)
     links = [each for each in by_name if each.model in LINKS_ALONE]
@@ -450,7 +461,7 @@ def _find_tied_model(by_name: Sequence[HeldOut], chosen: ModelName) -> ModelName
 
 
 def _compute_gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:
-    """Return what the best model with more than joints gains over joints alone; None if one is missing."""
+    """Return the gain of the best model with more than joints over joints alone; None without both."""
     joints = next((each for each in by_name if each.model == "joints"), None)
     others = [each for each in by_name if each.model != "joints"]
     if joints is None or not others:
@@ -462,14 +473,14 @@ def _compute_gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:
 
 
 def _score_held_out(folds: Folds, compliances: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Predict each of K folds by M models with compliances (M, K, P) fitted without that fold.
+    """Predict each of K folds with M models whose compliances (M, K, P) were fitted without that fold.
 
     Returns:
         The compensation (M, K), one minus the ratio of residuals to deflections; and the mean norm (M, D N)
         of the residuals of each observation's targets [m], in the order of the folds. Each of D draws divides
         all N observations.
     """
-    left, moved = np.zeros(compliances.shape[:2]), np.zeros(len(folds))
+    residual_sum, deflection_sum = np.zeros(compliances.shape[:2]), np.zeros(len(folds))
     norms = [np.zeros((len(compliances), len(part))) for part in folds.held_out]
     start = 0
     for block, rows in elastic_blocks(folds.robot, folds.measurements, folds.columns):
@@ -482,15 +493,17 @@ def _score_held_out(folds: Folds, compliances: FloatArray) -> tuple[FloatArray, 
             count = np.maximum(present.sum(axis=1), 1)
             first = int(np.searchsorted(part, start))
             norms[k][:, first : first + len(own)] = np.where(present, residual, 0.0).sum(axis=-1) / count
-            left[:, k] += residual[:, present].sum(axis=1)
-            moved[k] += float(np.linalg.norm(deflection, axis=-1)[present].sum())
+            residual_sum[:, k] += residual[:, present].sum(axis=1)
+            deflection_sum[k] += float(np.linalg.norm(deflection, axis=-1)[present].sum())
         start += len(read)
-    share = np.divide(left, moved, out=np.ones_like(left), where=moved > 0.0)
+    share = np.divide(
+        residual_sum, deflection_sum, out=np.ones_like(residual_sum), where=deflection_sum > 0.0
+    )
     return 1.0 - share, np.concatenate(norms, axis=1)
 
 
-def judge_penalty(chosen: float, used: float) -> Iterator[Finding]:
-    """Report a chosen penalty at an end of the range, or a penalty that had to be raised.
+def report_penalty(chosen: float, used: float) -> Iterator[Finding]:
+    """Report a penalty at an end of the range that was tried, or a penalty that had to be raised.
 
     Args:
         chosen: weight λ that cross-validation chose.
@@ -522,7 +535,7 @@ def judge_penalty(chosen: float, used: float) -> Iterator[Finding]:
         )
 
 
-def judge_losses(targets: int) -> Iterator[Finding]:
+def report_losses(targets: int) -> Iterator[Finding]:
     """Report that the losses were not compared because the set has too many targets."""
     if targets > MOST_TARGETS:
         yield Finding(

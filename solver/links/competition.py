@@ -35,7 +35,7 @@ from jointstiff.solver.links.choice import (
 from jointstiff.solver.links.fit import (
     EffectiveCompliances,
     ElasticEstimate,
-    effective_compliances,
+    compute_effective_compliances,
     fit_first_certified,
     refuse_unsupported_elastic,
 )
@@ -55,10 +55,10 @@ _WEIGHTS_A_STEP: Final = 3
 """Weights that one step fits: with all models and losses 0.5 s for 30 targets, and 5 s for 300."""
 
 
-def excluded_option(
+def find_excluding_option(
     options: RunOptions, settings: Settings, robot: Robot, measurements: Measurements
 ) -> str | None:
-    """Return the name of an option that excludes models with bending links or base; None if no option does.
+    """Return the name of an option that excludes models with bending links or base; None without such.
 
     Raises:
         RequestError: a link is named that the robot does not have.
@@ -67,7 +67,7 @@ def excluded_option(
         return "resampling"
     try:
         refuse_unsupported_elastic(measurements, settings)
-        ElasticColumns.of(options, robot)
+        ElasticColumns.from_options(options, robot)
     except UnsupportedMethodError as error:
         return error.where or "elasticity"
     joints = measurements.joints
@@ -76,7 +76,7 @@ def excluded_option(
 
 @dataclass(frozen=True, eq=False)
 class Elastic:
-    """Fit of a model with bending links or base to the whole set, with intervals."""
+    """Fit of a model with bending links or base to the whole set, with intervals of joint compliances."""
 
     estimate: ElasticEstimate
     #: effective compliances of the joints, with intervals that account for the choice of the model
@@ -90,8 +90,8 @@ class Winner:
 
     selection: Selection  #: all models and losses that were compared
     held_out: HeldOut  #: prediction of the winner
-    elastic: Elastic | None  #: the winner on the whole set; None of joints alone
-    given: bool  #: whether the model was named rather than chosen
+    elastic: Elastic | None  #: fit of the winner to the whole set; None for joints alone
+    given: bool  #: True if the request names the model, so that none was chosen
 
 
 class Competition:
@@ -101,7 +101,7 @@ class Competition:
     activity = "cross-validating"
 
     def __init__(self, joints: JointsAlone, options: RunOptions) -> None:
-        """Check the request, and lay out models, losses and penalties to compare.
+        """Check the request, and determine the losses and penalties to compare.
 
         Args:
             joints: identification of joints alone, with which the models are compared.
@@ -119,15 +119,14 @@ class Competition:
                 remedy="omit `resampling`; the cross-validation shows the dispersion",
             )
         self._joints, self._options = joints, options
-        self._columns = ElasticColumns.of(options, joints.robot)
+        self._columns = ElasticColumns.from_options(options, joints.robot)
         self._requested = None if options.elasticity == "automatic" else options.elasticity
         # A given penalty is not chosen by repeated draws: one draw shows how well the model predicts.
         once = {} if given is None else {"draws": 1}
         self._validation = options.cross_validation.model_copy(update=once)
         self._weights = WEIGHTS if given is None else (given,)
-        losses: tuple[Loss, ...] = (
-            LOSSES if given is None else ("squared",)
-        )  # which give a penalty its meaning
+        # A given penalty is relative to squares: with another loss it would mean something else.
+        losses: tuple[Loss, ...] = LOSSES if given is None else ("squared",)
         if options.loss != "automatic":
             losses = (options.loss,)
         self._losses = list_losses_to_compare(measurements, losses)
@@ -150,7 +149,7 @@ class Competition:
 
     @property
     def screening(self) -> Screening:
-        """Tests of what joints alone leave unexplained by the squared loss."""
+        """Tests of the residuals of joints alone, fitted with the squared loss, for other causes."""
         return self._joints.with_loss("squared").screening
 
     def steps(self) -> tuple[tuple[int, int], ...]:
@@ -174,7 +173,7 @@ class Competition:
             `fold_compliances` (M, W, P) and `error` (M, W) [m] of M models for W weights.
 
         Raises:
-            JointstiffError: as the identification of the whole set does.
+            JointstiffError: joints alone cannot be identified, or the penalty has no scale.
         """
         fold, start = divmod(span[0], len(self._weights))
         weights = self._weights[start : start + span[1] - span[0]]
@@ -183,13 +182,13 @@ class Competition:
         return {"fold_compliances": compliances, "error": errors}
 
     def winner(self, parts: Sequence[Mapping[str, FloatArray]]) -> Winner:
-        """Choose model, loss and penalty, and fit the whole set.
+        """Choose model, loss and penalty, and fit the chosen model to the whole set.
 
         Args:
-            parts: what all steps computed, in order.
+            parts: results of `compute` of all steps, in order.
 
         Raises:
-            JointstiffError: as the identification of the whole set does, or an optimum is not certified.
+            JointstiffError: joints alone cannot be identified, or no optimum is certified.
         """
         paths = self._collect_paths(parts)
         selection, held_out = self._choose(paths)
@@ -197,7 +196,7 @@ class Competition:
         return Winner(selection, held_out, elastic, self._requested is not None)
 
     def _collect_paths(self, parts: Sequence[Mapping[str, FloatArray]]) -> _Paths:
-        """Return the fits of all models with each fold held out, by model and loss."""
+        """Return the fits of all models with each fold held out; keys are (model, loss)."""
         if not self.steps():
             count = len(self._weights)
             parts = [self.compute((k * count, (k + 1) * count)) for k in range(self._fold_count)]
@@ -213,25 +212,26 @@ class Competition:
         }
 
     def _choose(self, paths: _Paths) -> tuple[Selection, HeldOut]:
-        """Choose the model with its loss and penalty, after trying finer penalties around the best ones.
+        """Choose the model with its loss and penalty, after trying finer penalties around the best penalties.
 
-        The finer penalties are added to `paths`.
+        Return the comparison of all models, and the chosen model. Fits with finer penalties are added to
+        `paths`.
         """
         given, automatic = self.penalty_is_given, self._requested is None
         selection = select_model(self._folds, paths, self._requested, screened=automatic)
         if automatic and not given:
             # A model whose best penalty is the smallest tried needs a smaller one for a fair comparison.
             for name in dict.fromkeys(each.model for each in selection.models):
-                ended = selection.of(name)
+                ended = selection.find_held_out(name)
                 if ended.penalty == self._weights[0]:
                     selection = self._refine(ended, selection, paths)
             selection = Selection.choose_among(selection.models, screened=automatic)
-        chosen = selection.of(self._requested or selection.simplest)
+        chosen = selection.find_held_out(self._requested or selection.simplest)
         if chosen.model == "joints":
-            chosen = selection.of("joints", ("squared", "huber"))
+            chosen = selection.find_held_out("joints", ("squared", "huber"))
         elif not given:
             selection = self._refine(chosen, selection, paths)
-            chosen = selection.of(chosen.model, (chosen.loss,))
+            chosen = selection.find_held_out(chosen.model, (chosen.loss,))
         return selection, chosen
 
     @cached_property
@@ -243,15 +243,20 @@ class Competition:
 
     @cached_property
     def _folds(self) -> Folds:
+        """Measurement set divided into folds."""
         joints = self._joints
         visible = ~joints.estimate.observability.null
         return Folds(joints.robot, joints.measurements, self._columns, visible, self._validation)
 
     def _find_model(self, held_out: HeldOut) -> ElasticModel:
+        """Return the model with the name and loss of a held-out accuracy."""
         return next(model for model in self._models if model.key == (held_out.model, held_out.loss))
 
     def _refine(self, held_out: HeldOut, selection: Selection, paths: _Paths) -> Selection:
-        """Return the selection with one model at a finer penalty; the model's path is replaced in `paths`."""
+        """Search the penalty of the model with this score on a finer grid; return the new selection.
+
+        The path of the model in `paths` is replaced.
+        """
         model = self._find_model(held_out)
         paths[model.key] = refine_path(self._folds, model, paths[model.key])
         of_model = select_model(self._folds, {model.key: paths[model.key]}, held_out.model)
@@ -270,8 +275,8 @@ class Competition:
     def _fit_whole_set(self, held_out: HeldOut, selection: Selection, paths: _Paths) -> Elastic:
         """Fit the chosen model to the whole set, with intervals that account for the choice of the model.
 
-        If held-out postures do not distinguish links from the base, the intervals contain those of both
-        models, provided that the model with links has a certified optimum.
+        If held-out postures do not distinguish links from the base, the intervals contain the intervals of
+        both models, provided that the model with links has a certified optimum.
         """
         elastic = self._fit_with_chosen_penalty(held_out, paths)
         if self._requested is not None:
@@ -288,11 +293,11 @@ class Competition:
         return Elastic(elastic, effective, widest.model.name)
 
     def _widest_fit(self, elastic: ElasticEstimate, selection: Selection, paths: _Paths) -> ElasticEstimate:
-        """Return the fit of the richest model for the intervals; the chosen fit if that is not certified."""
+        """Return the fit of the richest model, for intervals; the chosen fit if that is not certified."""
         if selection.largest == elastic.model.name:
             return elastic
         try:
-            return self._fit_with_chosen_penalty(selection.of(selection.largest), paths)
+            return self._fit_with_chosen_penalty(selection.find_held_out(selection.largest), paths)
         except UnsupportedMethodError:
             return elastic
 
@@ -306,16 +311,19 @@ class Competition:
         """
         richest = next(each.model for each in reversed(selection.models) if each.model in LINKS_ALONE)
         try:
-            links = self._fit_with_chosen_penalty(selection.of(tied), paths)
+            links = self._fit_with_chosen_penalty(selection.find_held_out(tied), paths)
         except UnsupportedMethodError:
             return None
         try:
-            return self._compute_effective(links, self._fit_with_chosen_penalty(selection.of(richest), paths))
+            return self._compute_effective(
+                links, self._fit_with_chosen_penalty(selection.find_held_out(richest), paths)
+            )
         except UnsupportedMethodError:
             return self._compute_effective(links, links)
 
     def _compute_effective(self, elastic: ElasticEstimate, widest: ElasticEstimate) -> EffectiveCompliances:
-        return effective_compliances(
+        """Return effective joint compliances of the fit `elastic`, with ranges from the fit `widest`."""
+        return compute_effective_compliances(
             self._joints.robot,
             elastic,
             self._joints.stated.confidence,

@@ -23,13 +23,13 @@ from jointstiff.schemas.model import (
     LinkCertificate,
     PrincipalCompliance,
 )
-from jointstiff.solver.arrays import FloatArray, IndexArray, in_one_sense
+from jointstiff.solver.arrays import FloatArray, IndexArray, fix_axis_signs
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.estimation.cones import diagonal, raised, to_matrix
+from jointstiff.solver.estimation.cones import find_diagonal_entries, lift_diagonal, to_matrix
 from jointstiff.solver.estimation.conic import (
-    effective_freedom,
-    penalised_range,
-    range_of_squares,
+    compute_effective_freedom,
+    compute_penalised_range,
+    compute_unconstrained_range,
     solve_cone,
 )
 from jointstiff.solver.estimation.estimate import Estimate, JointCompliance, Prediction
@@ -53,18 +53,18 @@ from jointstiff.solver.messages import point
 
 @dataclass(frozen=True, eq=False)
 class Companion:
-    """Unweighted least-squares problem with which the uncertainties of an estimate are computed.
+    """Least-squares problem without robust weights, from which the uncertainties of an estimate are computed.
 
-    Weighted squares that reproduce the optimum of a robust loss would not do: they weight residuals near zero
-    heavily, so that uncertainties would be too small.
+    With the weights of a robust loss, residuals near zero would count too much, and uncertainties would be
+    too small.
     """
 
     formulation: Formulation  #: formulation of the whole set
-    weight: float  #: λ of its penalty
-    #: standard uncertainty of one coordinate of one reading [m]: the stated sigma, or that of the residuals
-    #: if greater; None without degrees of freedom
+    weight: float  #: weight λ of the penalty
+    #: standard uncertainty of one coordinate of one reading [m]: the stated sigma, or the residuals' sigma if
+    #: greater; None without degrees of freedom
     sigma: float | None
-    degrees_of_freedom: float | None  #: of a sigma that comes from residuals; None for one that was given
+    degrees_of_freedom: float | None  #: of sigma from residuals; None if sigma was stated
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,16 +73,16 @@ class ElasticEstimate:
 
     model: ElasticModel  #: what bends
     penalty: float  #: weight λ of the penalty
-    compliance: FloatArray  #: (n,) of the joints [rad/(N·m)]; NaN where the readings do not see one
-    #: (n, n) full joint compliance [rad/(N·m)], zero in rows of joints that are not seen; None where joints
-    #: are not coupled
+    compliance: FloatArray  #: (n,) joint compliances [rad/(N·m)]; NaN if the readings do not determine one
+    #: (n, n) full joint compliance [rad/(N·m)], zero in rows of undetermined joints; None if joints are
+    #: not coupled
     coupled_joints: FloatArray | None
-    entries: FloatArray  #: (P,) all compliances by their columns, which predict: rows @ entries
+    entries: FloatArray  #: (P,) all compliances; deflections are rows @ entries
     links: tuple[ElasticCompliance, ...]  #: links that bend
     base: ElasticCompliance | None  #: compliance of the base; None where it is taken to be rigid
     elements: tuple[ElementShare, ...]  #: share of the deflections that each element explains
     prediction: Prediction  #: prediction of all deflections
-    sigma: float | None  #: given, or of the residuals [m]; None without degrees of freedom
+    sigma: float | None  #: stated sigma, or from the residuals [m]; None without degrees of freedom
     chi_square: float  #: chi square of the weighted residuals, under sigma
     degrees_of_freedom: float  #: readings less effective freedom
     effective_freedom: float  #: effective freedom of the whole model: how many numbers the readings determine
@@ -99,7 +99,7 @@ class ElasticEstimate:
 def find_principal_compliances(block: FloatArray) -> list[PrincipalCompliance]:
     """Return the principal compliances and directions of a compliance block (3, 3), largest first."""
     values, vectors = np.linalg.eigh(block)
-    pairs = zip(np.maximum(values[::-1], 0.0).tolist(), in_one_sense(vectors.T[::-1]), strict=True)
+    pairs = zip(np.maximum(values[::-1], 0.0).tolist(), fix_axis_signs(vectors.T[::-1]), strict=True)
     return [PrincipalCompliance(value=value, direction=point(direction)) for value, direction in pairs]
 
 
@@ -108,7 +108,7 @@ CERTIFIED_GAP: Final = 1e-2
 _DESIRED_GAP: Final = 1e-3
 """Gap aimed at where rounding allows it: the ranks of the matrices are then certain."""
 _SOLVED_GAP: Final = 0.8 * CERTIFIED_GAP
-"""Largest gap of the solution: raising its matrices to be semidefinite may add a little."""
+"""Largest gap of the solution: making its matrices positive semidefinite may increase the gap a little."""
 _LEAST_SCALE: Final = 1e-6
 """Smallest residual scale relative to the readings: data without noise need a scale, too."""
 _LEAST_FREEDOM: Final = 0.5
@@ -118,8 +118,8 @@ _LEAST_FREEDOM: Final = 0.5
 def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -> None:
     """Refuse options and readings that a model with bending links or base does not support.
 
-    The complementary stiffness is not among them: it is left out where links bend, whatever the settings, as
-    at 1 kN it changes a deflection by 0.05 % only.
+    The complementary stiffness is not refused but neglected where links bend: at 1 kN it changes a deflection
+    by 0.05 % only.
 
     Raises:
         UnsupportedMethodError: an option is not supported; the error names the option and a remedy.
@@ -164,20 +164,20 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
         raise _uncertified_error(weight) from error
     columns = model.columns
     compliances, least = _semidefinite_compliances(formulation.compliances(solution.x), model)
-    gap = formulation.gap_at(model, compliances, weight, solution, threshold) / unit
+    gap = formulation.certify_gap(model, compliances, weight, solution, threshold) / unit
     if not gap <= CERTIFIED_GAP:
         raise _uncertified_error(weight)
     squares, weight_of_squares = formulation.companion(model, compliances, weight, threshold)
-    freedom, left, sigma, chi_square = _summarise_residuals(
+    freedom, freedom_left, sigma, chi_square = _summarise_residuals(
         squares, weight_of_squares, compliances, measurements.sigma
     )
     elements, prediction = _shares_of_elements(robot, measurements, model, compliances)
-    seen = np.isin(np.arange(robot.n), formulation.columns)
+    determined = np.isin(np.arange(robot.n), formulation.columns)
     joints = to_matrix(compliances[columns.coupling], columns.n) + np.diag(compliances[columns.joints])
     return ElasticEstimate(
         model=model,
         penalty=weight,
-        compliance=np.where(seen, np.diagonal(joints), np.nan),
+        compliance=np.where(determined, np.diagonal(joints), np.nan),
         coupled_joints=joints if model.name == "coupled_joints" else None,
         entries=compliances,
         links=tuple(
@@ -194,7 +194,7 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
         prediction=prediction,
         sigma=sigma,
         chi_square=chi_square,
-        degrees_of_freedom=left,
+        degrees_of_freedom=freedom_left,
         effective_freedom=float(freedom.sum()),
         parameters=len(formulation.columns),
         certificate=LinkCertificate(
@@ -207,17 +207,17 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
 def _build_companion(
     form: Formulation, model: ElasticModel, compliances: FloatArray, weight: float
 ) -> Companion:
-    """Return the problem for a fit's uncertainties, with sigma raised if the residuals exceed it."""
+    """Return the problem for a fit's uncertainties, with sigma lift_diagonal if the residuals exceed it."""
     weight, stated = form.weight_of_squares(model, compliances, weight), form.sigma
-    _, left, sigma, chi_square = _summarise_residuals(form, weight, compliances, stated)
+    _, freedom_left, sigma, chi_square = _summarise_residuals(form, weight, compliances, stated)
     if stated is None or sigma is None:
-        return Companion(form, weight, sigma, left)
-    excess = sqrt(chi_square / left) if left >= _LEAST_FREEDOM else 1.0
+        return Companion(form, weight, sigma, freedom_left)
+    excess = sqrt(chi_square / freedom_left) if freedom_left >= _LEAST_FREEDOM else 1.0
     return Companion(form, weight, sigma * max(1.0, excess), None)
 
 
 def fit_first_certified(folds: Folds, model: ElasticModel, weights: Sequence[float]) -> ElasticEstimate:
-    """Fit a model with the first of some ascending penalties whose optimum can be certified.
+    """Fit a model with the smallest penalty in `weights`, in ascending order, that has a certified optimum.
 
     Raises:
         UnsupportedMethodError: no optimum is certified; the error is that of the last penalty.
@@ -233,7 +233,7 @@ def fit_first_certified(folds: Folds, model: ElasticModel, weights: Sequence[flo
 def _summarise_residuals(
     squares: Formulation, weight: float, compliances: FloatArray, sigma: float | None
 ) -> tuple[FloatArray, float, float | None, float]:
-    """Return the figures of a fit's residuals.
+    """Compute the degrees of freedom, sigma and chi-square of a fit.
 
     Returns:
         The effective freedom (P,) of each column; the remaining degrees of freedom; sigma [m], computed from
@@ -241,7 +241,7 @@ def _summarise_residuals(
     """
     x, rows = compliances[squares.columns] / squares.unit, squares.rows
     freedom = np.zeros(squares.width)
-    freedom[squares.columns] = effective_freedom(squares.program(weight), x)
+    freedom[squares.columns] = compute_effective_freedom(squares.program(weight), x)
     left = max(0.0, rows.readings - float(freedom.sum()))
     total = float(np.square(rows.triangle[:, :-1] @ compliances - rows.triangle[:, -1]).sum())
     if sigma is None and left >= _LEAST_FREEDOM:
@@ -250,10 +250,10 @@ def _summarise_residuals(
 
 
 def _scale_gaps(formulation: Formulation, sigma: float | None) -> float:
-    """Return the length [m] in which gaps of certificates are stated: sigma, or the residuals if greater.
+    """Return the length [m] that is the unit of certificates' gaps: sigma, or the residuals if greater.
 
     An unknown sigma is replaced by the residual scale of a fit of joints alone. Residuals that remain without
-    penalty and constraints count as noise too: no optimum is needed more exactly than they are.
+    penalty and constraints count as noise, too: a more exact optimum would have no use.
     """
     fit, rows, joints = formulation.squares, formulation.rows, formulation.cone.free
     R = fit.R[:, :joints]
@@ -264,6 +264,7 @@ def _scale_gaps(formulation: Formulation, sigma: float | None) -> float:
 
 
 def _uncertified_error(weight: float) -> UnsupportedMethodError:
+    """Return the error for a penalty λ with which no optimum can be certified."""
     return UnsupportedMethodError(
         f"with a penalty of {weight:.3g}, rounding errors hide which links bend, and no fit can be certified",
         where="link_penalty",
@@ -281,7 +282,7 @@ def _semidefinite_compliances(compliances: FloatArray, model: ElasticModel) -> t
     least = [float(out[columns.joints].min())]
     for size, own in places:
         if out[own].any():
-            out[own] = raised(out[own], size)
+            out[own] = lift_diagonal(out[own], size)
             least.append(float(np.linalg.eigvalsh(to_matrix(out[own], size)).min()))
     return out, min(least)
 
@@ -304,9 +305,9 @@ def _summarise_compliance(
 def _shares_of_elements(
     robot: Robot, measurements: Measurements, model: ElasticModel, compliances: FloatArray
 ) -> tuple[tuple[ElementShare, ...], Prediction]:
-    """Return the share of the measured deflections that each element explains, and the whole prediction."""
+    """Return the share of measured deflections explained by each element, and the prediction of all."""
     columns = model.columns
-    coupled = columns.coupling[diagonal(columns.n)]
+    coupled = columns.coupling[find_diagonal_entries(columns.n)]
     places: list[tuple[Literal["joint", "coupling", "link", "base"], str | None, IndexArray]] = [
         ("joint", robot.joint_names[joint], np.array([columns.joints[joint], coupled[joint]]))
         for joint in range(columns.n)
@@ -319,44 +320,45 @@ def _shares_of_elements(
     predicted, along = [], []
     for block, rows in elastic_blocks(robot, measurements, model.columns):
         # Missing readings add nothing: their rows and deflections are zero.
-        weighed = np.einsum("btip,bti->bp", rows[..., :-1], block.measurements.deflection) * compliances
-        along.append(np.stack([weighed[:, own].sum(axis=1) for _, _, own in places]))
+        work = np.einsum("btip,bti->bp", rows[..., :-1], block.measurements.deflection) * compliances
+        along.append(np.stack([work[:, own].sum(axis=1) for _, _, own in places]))
         predicted.append(rows[..., :-1] @ compliances)
-    moved = np.square(measurements.deflection).sum(axis=(1, 2))
-    worked = np.concatenate(along, axis=1)
-    share = np.divide(worked, moved, out=np.zeros_like(worked), where=moved > 0.0)
+    measured = np.square(measurements.deflection).sum(axis=(1, 2))
+    explained = np.concatenate(along, axis=1)
+    share = np.divide(explained, measured, out=np.zeros_like(explained), where=measured > 0.0)
     elements = tuple(
         ElementShare(
             kind=kind,
             joint=joint,
-            share=float(worked[number].sum() / moved.sum()),
+            share=float(explained[number].sum() / measured.sum()),
             by_observation=share[number].tolist(),
         )
         for number, (kind, joint, _) in enumerate(places)
     )
-    prediction = Prediction.of(measurements, np.concatenate(predicted))
+    prediction = Prediction.from_predicted(measurements, np.concatenate(predicted))
     bending: Literal["links", "base"] = "base" if model.name == "joints_and_base" else "links"
     return elements, replace(prediction, bending=bending)
 
 
 _LIGHTER: Final = 0.3
-"""Penalty of the intervals relative to the one that predicts best. That one trades bias for variance, so that
-its bias is no smaller than its dispersion; under a lighter one dispersion outweighs bias (undersmoothing)."""
+"""Penalty for intervals relative to the penalty that predicts best. With the latter, bias is as large as
+dispersion; with a lighter penalty dispersion outweighs bias (undersmoothing)."""
 _NOTHING: Final = 1e-4
-"""Least lower end relative to the upper: cone programs stop short of zero."""
+"""Least lower end relative to the upper end: a smaller one counts as zero, which cone programs miss."""
 _GAP: Final = 1e-4
-"""Gap of the point in whose neighbourhood the intervals lie, relative to the readings."""
+"""Gap of the optimum around which intervals are computed, relative to the readings."""
 
 
-def effective_rows(robot: Robot, columns: ElasticColumns) -> FloatArray:
+def build_effective_rows(robot: Robot, columns: ElasticColumns) -> FloatArray:
     """Return the matrix (n, P) that takes all compliances (P,) to the joints' effective compliances.
 
-    An effective compliance [rad/(N·m)] adds to a joint the motion of its link about or along the same axis,
-    and to joint 1 that of the base, too: each moves every target as the joint does.
+    An effective compliance [rad/(N·m)] is the joint's compliance plus the link's about or along the same
+    axis, and for joint 1 also the base's: they move every target like the joint, so that readings cannot
+    separate them.
     """
     rows = np.zeros((columns.n, columns.width))
     rows[np.arange(columns.n), columns.joints] = 1.0
-    rows[np.arange(columns.n), columns.coupling[diagonal(columns.n)]] = 1.0
+    rows[np.arange(columns.n), columns.coupling[find_diagonal_entries(columns.n)]] = 1.0
     i, j = entries(6)
     placed = spring_frames(Postures(robot, np.zeros((1, columns.n))))[0][0]
     moved = {frame: (frame, robot.axes[frame]) for frame in columns.links}
@@ -371,10 +373,10 @@ def effective_rows(robot: Robot, columns: ElasticColumns) -> FloatArray:
 class EffectiveCompliances:
     """Effective compliances of the n joints with their ranges; NaN where a number is not known."""
 
-    #: (n,) of the joints with their links' rotations about, or motions along, their axes [rad/(N·m)]
+    #: (n,) compliances of the joints plus their links' about, or along, the joints' axes [rad/(N·m)]
     compliance: FloatArray
     range: FloatArray  #: (n, 2) least and greatest values [rad/(N·m)]
-    quantile: float  #: half of a range in standard uncertainties
+    quantile: float  #: half-width of a range divided by the standard uncertainty
     quoted: bool = True  #: whether the ranges are quoted as intervals: not if the penalty was given
 
     @property
@@ -391,13 +393,13 @@ class EffectiveCompliances:
         """Return these compliances with ranges widened to contain the ranges of another model."""
         low = np.fmin(self.range[:, 0], other.range[:, 0])
         high = np.fmax(self.range[:, 1], other.range[:, 1])
-        # A range that only the other model has need not contain this model's value: widen it to the value.
+        # A range that comes only from the other model need not contain this model's value: widen the range.
         own = np.where(np.isnan(low), np.nan, self.compliance)
         low, high = np.fmin(low, own), np.fmax(high, own)
         return replace(self, range=np.column_stack([low, high]), quantile=min(self.quantile, other.quantile))
 
 
-def effective_compliances(
+def compute_effective_compliances(
     robot: Robot,
     elastic: ElasticEstimate,
     confidence: float,
@@ -407,9 +409,9 @@ def effective_compliances(
 ) -> EffectiveCompliances:
     """Compute the joints' effective compliances and their confidence ranges.
 
-    A range holds the values at which the objective, under a lighter penalty, is close to its minimum. With
-    joints and base alone, it also holds the range of plain least squares, which determine them without a
-    penalty or constraints that could bias them.
+    A range contains the values at which the objective, with a lighter penalty, is close to its minimum. With
+    joints and base alone, it also contains the range of ordinary least squares, which has no bias from
+    penalty or constraints.
 
     Args:
         robot: n joints.
@@ -421,7 +423,7 @@ def effective_compliances(
     """
     widest = widest or elastic
     companion = widest.companion
-    rows = effective_rows(robot, elastic.model.columns)
+    rows = build_effective_rows(robot, elastic.model.columns)
     effective, ends = rows @ elastic.entries, np.full((robot.n, 2), np.nan)
     quantile = student_quantile(0.5 * (1.0 + confidence), companion.degrees_of_freedom)
     if companion.sigma is not None:
@@ -430,9 +432,9 @@ def effective_compliances(
         with suppress(SolverError):
             x = solve_cone(program, gap=_GAP).x
             size, functions = quantile * companion.sigma / form.size, rows[:, form.columns] * form.unit
-            ends = penalised_range(program, x, size**2, functions)
+            ends = compute_penalised_range(program, x, size**2, functions)
             if widest.model.name == "joints_and_base":
-                least, greatest = range_of_squares(form.squares, functions, size).T
+                least, greatest = compute_unconstrained_range(form.squares, functions, size).T
                 ends = np.column_stack([np.fmin(ends[:, 0], least), np.fmax(ends[:, 1], greatest)])
     ends[:, 0] = np.minimum(np.maximum(ends[:, 0], 0.0), effective)
     ends[:, 1] = np.maximum(ends[:, 1], effective)
@@ -449,11 +451,13 @@ LARGEST_UNCERTAINTY: Final = 0.5
 """Relative standard uncertainty of an effective compliance above which it is poorly known."""
 
 RIGID: Final = 1e-12
-"""Compliance [rad/(N·m)] below which a joint counts as rigid: cone programs stop short of zero."""
+"""Compliance [rad/(N·m)] below which a joint counts as rigid: cone programs do not reach zero exactly."""
 
 
-def with_links(estimate: Estimate, elastic: ElasticEstimate, effective: EffectiveCompliances) -> Estimate:
-    """Return the joints' estimate with their compliances replaced by effective compliances.
+def replace_by_effective(
+    estimate: Estimate, elastic: ElasticEstimate, effective: EffectiveCompliances
+) -> Estimate:
+    """Return the joints' estimate with joint compliances replaced by effective compliances.
 
     Args:
         estimate: estimate of joints alone.
@@ -463,6 +467,7 @@ def with_links(estimate: Estimate, elastic: ElasticEstimate, effective: Effectiv
     others = {link.joint: "its link" for link in elastic.links}
     if elastic.base is not None:
         first = estimate.joints[0].name
+        # The text is followed by "'s": "its link's and the base's rotation about …".
         others[first] = f"{others[first]}'s and the base" if first in others else "the base"
     certificate = elastic.certificate
     evidence = Certificate(

@@ -25,7 +25,7 @@ from jointstiff.schemas.options import ElasticModel as ModelName
 from jointstiff.schemas.options import Loss, RunOptions
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import UnsupportedMethodError
-from jointstiff.solver.estimation.cones import Cone, diagonal
+from jointstiff.solver.estimation.cones import Cone, find_diagonal_entries
 from jointstiff.solver.estimation.conic import (
     ConeSolution,
     LeastSquares,
@@ -41,7 +41,7 @@ from jointstiff.solver.estimation.fit import MEDIAN_NORM
 from jointstiff.solver.estimation.method import DEFAULT_THRESHOLD
 from jointstiff.solver.estimation.problem import Bounds, IdentificationProblem
 from jointstiff.solver.estimation.solution import solve_step
-from jointstiff.solver.estimation.triangle import Triangle, triangle_of
+from jointstiff.solver.estimation.triangle import Triangle, compute_triangular_factor
 from jointstiff.solver.mechanics.block import RegressorBlock, Term, regressor_blocks, rows_of
 from jointstiff.solver.mechanics.measurements import Measurements, whitened
 from jointstiff.solver.mechanics.robot import Robot
@@ -66,10 +66,10 @@ _BLOCK = 256
 class ElasticColumns:
     """Columns of each compliance among the P columns of the richest model.
 
-    A symmetric matrix has a column for each entry of a triangle, as in `jointstiff.solver.estimation.conic`.
+    A symmetric compliance matrix has one column for each entry of its upper triangle.
     """
 
-    n: int  #: joints
+    n: int  #: number of joints
     links: tuple[int, ...]  #: indices of the joints whose links may bend; the base may bend in any case
 
     def __post_init__(self) -> None:
@@ -81,11 +81,11 @@ class ElasticColumns:
             )
 
     @classmethod
-    def of(cls, options: RunOptions, robot: Robot) -> ElasticColumns:
+    def from_options(cls, options: RunOptions, robot: Robot) -> ElasticColumns:
         """Return the columns of the links that may bend.
 
         Raises:
-            RequestError: the robot has no such joint.
+            RequestError: the robot has no joint that an option names.
             UnsupportedMethodError: the robot has too many joints.
         """
         named = sorted({robot.joint_index(name, "links") for name in options.links})
@@ -98,7 +98,7 @@ class ElasticColumns:
 
     @property
     def frames(self) -> tuple[int, ...]:
-        """Return the frames with a compliance of 21 entries: of the links, then the base."""
+        """Return the frames with a compliance of 21 entries: joint indices of the links, then `BASE`."""
         return *self.links, BASE
 
     @property
@@ -124,7 +124,7 @@ class ElasticColumns:
 
 @dataclass(frozen=True, eq=False)
 class ElasticRows:
-    """Contribution of observations to a fit: compressed rows, and sums that give the penalty its scale."""
+    """Compressed rows of some observations, and the sums that determine the scale of the penalty."""
 
     #: (P + 1, P + 1) with ``TᵀT`` the Gram matrix of the rows [A d], whitened in units of sigma
     triangle: FloatArray
@@ -137,17 +137,17 @@ class ElasticRows:
     lever: FloatArray
     deflection: float  #: sum of ‖δp‖² [m²]
 
-    #: (K, 3, P + 1) rows of each target, which a robust loss needs; none of more than `MOST_TARGETS`
+    #: (K, 3, P + 1) rows of each target, which a robust loss needs; K = 0 for more than `MOST_TARGETS`
     each: FloatArray
 
     @classmethod
     def merge(cls, parts: Sequence[ElasticRows]) -> ElasticRows:
-        """Return the rows of all observations of several parts, by sums alone, so that no digits cancel."""
+        """Merge the rows of several parts of a set; only sums are taken, so that no digits are lost."""
         summed = (f.name for f in fields(cls) if f.name not in {"triangle", "each"})
         sums = {name: sum(getattr(part, name) for part in parts) for name in summed}
         each = np.concatenate([part.each for part in parts])
         each = each if sums["targets"] <= MOST_TARGETS else each[:0]
-        triangle = triangle_of(np.concatenate([part.triangle for part in parts]))
+        triangle = compute_triangular_factor(np.concatenate([part.triangle for part in parts]))
         return cls(triangle=triangle, each=each, **sums)
 
     def residual_norms(self, compliances: FloatArray) -> FloatArray:
@@ -158,7 +158,7 @@ class ElasticRows:
     def weight_targets(self, weight: FloatArray) -> ElasticRows:
         """Return rows whose triangle weights the K targets by `weight` (K,); `each` stays unweighted."""
         rows = np.sqrt(weight)[:, None, None] * self.each
-        return replace(self, triangle=triangle_of(rows.reshape(-1, rows.shape[-1])))
+        return replace(self, triangle=compute_triangular_factor(rows.reshape(-1, rows.shape[-1])))
 
 
 def elastic_rows(
@@ -234,7 +234,7 @@ MODELS: Final[tuple[ModelName, ...]] = (
 )
 """The models, from simple to rich."""
 WITH_BASE: Final[frozenset[ModelName]] = frozenset({"joints_and_base", "links_and_base"})
-"""Models whose base bends: compared with the others only where a test speaks for a base."""
+"""Models whose base bends: compared with the others only if a test finds that the base bends."""
 LINKS_ALONE: Final[frozenset[ModelName]] = frozenset({"diagonal_links", "joints_and_links"})
 """Models whose links bend and whose base does not."""
 
@@ -243,9 +243,9 @@ LOSSES: Final[tuple[Loss, ...]] = ("squared", "huber", "absolute")
 """Losses of the norm of each target's residual."""
 
 _LEAST_SCALE: Final = 1e-6
-"""Least robust scale relative to the mean deflection: exact readings have none."""
+"""Least robust scale relative to the mean deflection: for exact readings the scale would be zero."""
 _LEAST_WEIGHT: Final = 1e-9
-"""Least weight of the penalty relative to squares."""
+"""Least weight of the penalty in a least-squares problem."""
 _SHORTEST_LEVER: Final = 1e-2
 """Least lever relative to the longest: a shorter one, through the load point, would leave rotations
 unpenalised."""
@@ -272,31 +272,37 @@ class ElasticModel:
 
     @property
     def key(self) -> tuple[ModelName, Loss]:
-        """Return name and loss, which identify the model within a run."""
+        """Return the pair of name and loss, which identifies the model within a run."""
         return self.name, self.loss
 
-    def elements(self, seen: BoolArray, lever: FloatArray) -> Iterator[tuple[IndexArray, FloatArray, bool]]:
+    def elements(
+        self, determined: BoolArray, lever: FloatArray
+    ) -> Iterator[tuple[IndexArray, FloatArray, bool]]:
         """Yield the penalised elements: columns, diagonal of K, and whether the compliance is a full matrix.
 
-        With a compliance C, the penalty is the trace of K C K; otherwise C is diagonal.
+        The penalty of an element with compliance C is the trace of K C K, K diagonal.
 
         Args:
-            seen: (n,) joints whose compliance is determined.
+            determined: (n,) mask of the joints whose compliance is determined.
             lever: (n + 1,) lever ρ of the load about each joint's frame and the base [m].
         """
         turning = np.sqrt(2.0 / 3.0) * lever
         if self.name == "coupled_joints":
             rows, columns = entries(self.columns.n)
-            yield self.columns.coupling[seen[rows] & seen[columns]], turning[:BASE][seen], True
+            yield (
+                self.columns.coupling[determined[rows] & determined[columns]],
+                turning[:BASE][determined],
+                True,
+            )
         for frame in self.frames:
             full = self.name != "diagonal_links"
             own = self.columns.link(frame)
             root = np.repeat([1.0, turning[frame]], 3) * (_BASE_ROOT if frame == BASE else 1.0)
-            yield own if full else own[diagonal(6)], root, full
+            yield own if full else own[find_diagonal_entries(6)], root, full
 
     @property
     def frames(self) -> tuple[int, ...]:
-        """Return the frames of the elements that bend: indices of links' joints, and `BASE`."""
+        """Return the frames of the links and base that bend: joint indices of the links, then `BASE`."""
         links = () if self.name in {"joints", "coupled_joints", "joints_and_base"} else self.columns.links
         return (*links, BASE) if self.name in WITH_BASE else links
 
@@ -312,7 +318,7 @@ class Formulation:
     rows: ElasticRows  #: rows of the observations
     size: float  #: ‖z‖, by which the readings are divided, in units of the whitened readings [m]
     sigma: float | None  #: sigma of one coordinate of one reading, if it is stated [m]
-    #: fits of absolute residuals by weight, gap and accepted gap, which Huber's scale takes as well
+    #: fits with the absolute loss, kept for reuse; keys are weight, gap and accepted gap
     _absolute: dict[tuple[float, float, float | None], ConeSolution] = field(default_factory=dict)
 
     @property
@@ -327,7 +333,7 @@ class Formulation:
 
     @cached_property
     def _norms(self) -> NormSum:
-        """Sum of the norms of the targets' residuals, which all robust losses and penalties share."""
+        """Sum of the norms of the targets' residuals, the same for all robust losses and penalties."""
         A = self.rows.each[..., self.columns] * (self.unit / self.total)
         return NormSum(A, self.rows.each[..., -1] / self.total, self.cone)
 
@@ -340,7 +346,13 @@ class Formulation:
         return RobustProgram(self._norms, weight, threshold / self.total)
 
     def fit_absolute(self, weight: float, gap: float, accepted: float | None = None) -> ConeSolution:
-        """Return the fit with the absolute loss, kept for reuse; see `fit` for the arguments."""
+        """Return the fit with the absolute loss, computed once for each combination of arguments.
+
+        Args:
+            weight: λ > 0 of the penalty.
+            gap: gap of the certificate that ends the search.
+            accepted: greatest gap that is accepted; `gap` if None.
+        """
         key = weight, gap, accepted
         if key not in self._absolute:
             self._absolute[key] = solve_robust(
@@ -355,7 +367,7 @@ class Formulation:
         return out
 
     def unit_of_gaps(self, model: ElasticModel) -> float:
-        """Return the unit [m] by which a certificate's gap becomes a length.
+        """Return the factor [m] that converts a certificate's gap to a length.
 
         With squares, the length is ‖R (x − x̂)‖, how far the fitted readings are from those at the optimum;
         with robust losses, it is the excess of the mean norm of a target's residual.
@@ -397,7 +409,7 @@ class Formulation:
             self.build_robust_program(weight, threshold), gap=gap, accepted=accepted
         ), threshold
 
-    def gap_at(
+    def certify_gap(
         self,
         model: ElasticModel,
         compliances: FloatArray,
@@ -412,7 +424,7 @@ class Formulation:
         program = self.build_robust_program(weight, threshold)
         return certify_robust(program, x, solution.certificate.multipliers).gap
 
-    def joints_only(self) -> FloatArray:
+    def fit_joints_only(self) -> FloatArray:
         """Return the exact least-squares parameters (p,) of a model of joints alone, which has no penalty."""
         R, z = self.squares.R, self.squares.z
         problem = IdentificationProblem(R, z, Bounds.positive(R.shape[1]))
@@ -445,8 +457,8 @@ class Formulation:
             threshold = model.threshold * max(self._robust_scale(compliances), self.sigma or 0.0)
         norms = self.rows.residual_norms(compliances)
         weighted = self.rows.weight_targets(threshold / np.maximum(norms, threshold))
-        seen = np.isin(np.arange(model.columns.n), self.columns)
-        squares = formulate(weighted, model, seen, self.sigma)
+        determined = np.isin(np.arange(model.columns.n), self.columns)
+        squares = formulate(weighted, model, determined, self.sigma)
         return squares, 2.0 * self.total * threshold * weight / squares.size**2
 
     def weight_of_squares(self, model: ElasticModel, compliances: FloatArray, weight: float) -> float:
@@ -474,20 +486,20 @@ def formulate(
     Args:
         rows: compressed rows of the observations.
         model: what bends.
-        visible: (n,) joints whose compliances the readings determine.
+        visible: (n,) mask of the joints whose compliances the readings determine.
         sigma: stated standard uncertainty of one coordinate of one reading [m]; None if unknown.
 
     Raises:
-        UnsupportedMethodError: nothing moved or nothing loads the robot, so that the penalty has no scale.
+        UnsupportedMethodError: no target moved, or no load acts, so that the penalty has no scale.
     """
     triangle, z = rows.triangle[:, :-1], rows.triangle[:, -1]
     size = float(np.linalg.norm(z))
     norms = np.linalg.norm(triangle[:, model.columns.joints], axis=0)
-    seen = visible & (norms > _NO_COLUMN * norms.max())
-    joints = np.flatnonzero(seen)
+    determined = visible & (norms > _NO_COLUMN * norms.max())
+    joints = np.flatnonzero(determined)
     scale, lever = _scale_penalty(rows, size)
     scalars, blocks, sizes = [(joints, size / norms[joints])], [], []
-    for columns, root, full in model.elements(seen, lever):
+    for columns, root, full in model.elements(determined, lever):
         if full:
             i, j = entries(len(root))
             blocks.append((columns, scale / (root[i] * root[j])))
@@ -530,7 +542,7 @@ def _scale_penalty(rows: ElasticRows, size: float) -> tuple[float, FloatArray]:
 
 
 def list_losses_to_compare(measurements: Measurements, losses: tuple[Loss, ...]) -> tuple[Loss, ...]:
-    """Return which of some losses a set supports: squares alone if the set has more than `MOST_TARGETS`.
+    """Return the losses that a set supports: only `squared` if it has more than `MOST_TARGETS` targets.
 
     Raises:
         UnsupportedMethodError: the set supports none of the losses.

@@ -36,7 +36,7 @@ _RATIO: Final = (0.2, 20.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
+class KnownCompliances:
     """Compliances of n joints by the readings so far."""
 
     compliance: FloatArray  #: (n,) [rad/(N·m)]; NaN of joints without a number
@@ -44,8 +44,8 @@ class Known:
     factor: float  #: coverage factor of an interval of 95 %
 
     @classmethod
-    def nothing(cls, n: int) -> Known:
-        """Return the state of knowledge before any reading: no compliance of the n joints is known."""
+    def before_any_reading(cls, n: int) -> KnownCompliances:
+        """Return the compliances before any reading: NaN for each of the n joints."""
         return cls(np.full(n, np.nan), np.zeros((n, n)), 2.0)
 
     @property
@@ -57,7 +57,7 @@ class Known:
 
 
 @dataclass(frozen=True, eq=False)
-class Share:
+class UncertaintyShare:
     """Uncertainty so far, relative to that of a goal."""
 
     #: (s,) of the joints that loads twist, or (1,): uncertainty over that of the goal, which is met where all
@@ -76,7 +76,7 @@ class Share:
 
 
 @dataclass(frozen=True, eq=False)
-class Next:
+class NextReading:
     """The next reading."""
 
     index: int  #: index of the candidate
@@ -89,8 +89,8 @@ class Next:
 
 
 @dataclass(frozen=True, eq=False)
-class Ahead:
-    """Candidate readings of a live campaign, which are drawn once."""
+class CandidateReadings:
+    """Candidate readings of a live campaign; they are drawn once, when the campaign begins."""
 
     robot: Robot
     request: PlanRequest
@@ -100,7 +100,9 @@ class Ahead:
     )
 
     @classmethod
-    def of(cls, robot: Robot, request: PlanRequest, force: FloatArray | None = None) -> Ahead:
+    def from_request(
+        cls, robot: Robot, request: PlanRequest, force: FloatArray | None = None
+    ) -> CandidateReadings:
         """Draw candidate readings, and compute the deflections at places of the work area.
 
         Args:
@@ -109,9 +111,10 @@ class Ahead:
             force: (3,) process force in the work area, axes of R0 [N]; None for the force of the load.
 
         Raises:
-            RequestError: as `Pool.of` does, or forces in the work area twist a joint that the loads do not.
+            RequestError: no reading is feasible, or forces in the work area twist a joint that no load
+                twists.
         """
-        pool, loads, n = Pool.of(robot, request), request.equipment.loads, robot.n
+        pool, loads, n = Pool.from_request(robot, request), request.equipment.loads, robot.n
         if pool.predicted is None:
             return cls(robot, request, pool, np.zeros((0, 1, 3, n)))
         by_axis = pool.predicted[:, :, :n].reshape(-1, 3, 3, n)
@@ -133,8 +136,8 @@ class Ahead:
         """(s,) indices of the joints that the loads twist."""
         return self.pool.parameters.joints
 
-    def compare_with_goal(self, goal: Goal, known: Known) -> Share:
-        """Return the uncertainty that is known so far relative to that of a goal.
+    def compare_with_goal(self, goal: Goal, known: KnownCompliances) -> UncertaintyShare:
+        """Compare the uncertainty after the readings so far with the uncertainty that a goal allows.
 
         Args:
             goal: for joints, for a deflection in the work area, or for a decision about a limit.
@@ -149,41 +152,41 @@ class Ahead:
             weights[self.wanted, self.wanted] = urgent / np.square(
                 self._reference_compliances(known)[self.wanted]
             )
-            return Share(each, weights, goal.relative, joint=int(self.wanted[np.argmax(each)]))
+            return UncertaintyShare(each, weights, goal.relative, joint=int(self.wanted[np.argmax(each)]))
         rows = self.places.reshape(-1, n)
         mean, hidden = rows.T @ rows / len(rows), ~np.isfinite(known.compliance)
         if hidden.any() and np.abs(rows[:, hidden]).max() > _TWISTS * np.abs(rows).max():
             allowed = goal.limit if isinstance(goal, DecisionGoal) else goal.uncertainty
-            return Share(np.array([np.inf]), mean, allowed, joint=int(np.flatnonzero(hidden)[0]))
+            return UncertaintyShare(np.array([np.inf]), mean, allowed, joint=int(np.flatnonzero(hidden)[0]))
         if not isinstance(goal, DecisionGoal):
             uncertainty = known.factor * float(np.sqrt((mean * known.covariance).sum()))
             each = np.array([uncertainty / goal.uncertainty])
-            return Share(each, mean, goal.uncertainty, uncertainty=uncertainty)
-        moved = self.places @ np.nan_to_num(known.compliance)
-        length = np.linalg.norm(moved, axis=-1)
-        along = np.einsum("...i,...ij->...j", moved / length[..., None], self.places)
+            return UncertaintyShare(each, mean, goal.uncertainty, uncertainty=uncertainty)
+        deflections = self.places @ np.nan_to_num(known.compliance)
+        length = np.linalg.norm(deflections, axis=-1)
+        along = np.einsum("...i,...ij->...j", deflections / length[..., None], self.places)
         u = known.factor * np.sqrt(np.einsum("...j,jk,...k->...", along, known.covariance, along))
-        most = np.unravel_index(int(np.argmax(length + u)), length.shape)
-        uncertainty, greatest, row = float(u[most]), float(length[most]), along[most]
+        worst = np.unravel_index(int(np.argmax(length + u)), length.shape)
+        uncertainty, greatest, row = float(u[worst]), float(length[worst]), along[worst]
         allowed = max(abs(goal.limit - greatest), 1e-12)
         each = np.array([uncertainty / allowed])
-        return Share(each, np.outer(row, row), allowed, uncertainty=uncertainty, greatest=greatest)
+        return UncertaintyShare(each, np.outer(row, row), allowed, uncertainty=uncertainty, greatest=greatest)
 
     def choose_next(
         self,
         goal: Goal,
-        known: Known,
+        known: KnownCompliances,
         readings: Measurements | None,
         taken: FloatArray,
         at: FloatArray | None = None,
-    ) -> Next | None:
+    ) -> NextReading | None:
         """Choose the next reading: the candidate that reduces the uncertainty relative to the goal most.
 
         Args:
             goal: goal of the campaign.
             known: compliances by the readings so far.
             readings: the readings so far.
-            taken: (K, n) postures that are read or left out, controller's angles [rad].
+            taken: (K, n) postures that were read or skipped, controller's angles [rad].
             at: (n,) present posture of the arm; None where travel does not matter.
 
         Returns:
@@ -225,10 +228,12 @@ class Ahead:
                 break
             best = candidates.best(criterion.support(M + vague), free)
         joints = self.pool.readings.joints[first]
-        return Next(first, joints, force, None if anchor < 0 else anchor, missing)
+        return NextReading(first, joints, force, None if anchor < 0 else anchor, missing)
 
-    def _predict_shares(self, goal: Goal, known: Known, share: Share, M: FloatArray) -> FloatArray:
-        """Predict the uncertainties relative to that of the goal, by the information M (p, p) of a design."""
+    def _predict_shares(
+        self, goal: Goal, known: KnownCompliances, share: UncertaintyShare, M: FloatArray
+    ) -> FloatArray:
+        """Predict the uncertainties relative to the goal's, (s,) or (1,), after readings of information M."""
         parameters = self.pool.parameters
         if isinstance(goal, JointsGoal):
             half = known.factor * compute_uncertainties(M, len(self.wanted)) * parameters.nominal[self.wanted]
@@ -238,14 +243,14 @@ class Ahead:
         deviation = information**-0.5 if information > 0.0 else np.inf
         return np.array([known.factor * deviation / share.allowed])
 
-    def _reference_compliances(self, known: Known) -> FloatArray:
-        """Return the compliances (n,); where unknown, values by which all joints move the targets alike."""
+    def _reference_compliances(self, known: KnownCompliances) -> FloatArray:
+        """Return the compliances (n,); unknown ones such that all joints move the targets equally far."""
         return np.where(np.isfinite(known.compliance), known.compliance, self.pool.parameters.nominal)
 
     def _best_candidate(
         self, criterion: AOptimality, M: FloatArray, free: BoolArray, at: FloatArray | None
     ) -> Atoms:
-        """Return the free candidate after which the criterion is best; among nearly equal ones, the nearest.
+        """Return the free candidate that reduces the variance most; among nearly equal ones, the nearest.
 
         Args:
             criterion: variance to be reduced.

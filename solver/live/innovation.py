@@ -40,7 +40,7 @@ class Innovation:
     message: str | None = None
 
 
-_UNJUDGED: Final = Innovation(message="too few readings to judge it by")
+_UNJUDGED: Final = Innovation(message="too few other readings to compare this one with")
 
 DOUBTFUL: Final = (1e-5, 1e-4)
 """Probability of so great a distance below which a reading is doubtful: in any way; as by another force."""
@@ -86,13 +86,13 @@ class Expectation:
     spread: float  #: standard deviation of a coordinate of such a place [m]
 
     @classmethod
-    def of(cls, robot: Robot, others: Measurements, compliance: FloatArray) -> Expectation | None:
-        """Fit N readings to predict another one; None where nothing determines the noise.
+    def from_readings(cls, robot: Robot, others: Measurements, compliance: FloatArray) -> Expectation | None:
+        """Fit N readings to predict another reading; None if nothing determines the noise.
 
         Args:
             robot: n joints.
             others: N observations under load.
-            compliance: (n,) by a fit to them [rad/(N·m)].
+            compliance: (n,) compliances from a fit to these readings [rad/(N·m)].
 
         Raises:
             SolverError: the load finds no balance.
@@ -103,7 +103,7 @@ class Expectation:
         terms = (JOINTS, *(term for term, _ in errors))
         stack = _build_stack(robot, others, terms, compliance)
         triangle, read = stack.triangle(), int(stack.read.sum())
-        moved = float(np.square(triangle.rhs).sum())
+        moved = float(np.square(triangle.rhs).sum())  # sum of the squared deflections
         size = np.linalg.norm(triangle.matrix[:, triangle.span[JOINTS.name]], axis=0)
         alike = np.where(size > 1e-9 * size.max(), size, np.inf)
         deviation = [_VAGUE * np.sqrt(moved or len(stack.flat)) / alike]
@@ -114,7 +114,7 @@ class Expectation:
         variance, freedom = stated or moved / len(stack.flat) or 1.0, np.inf
         # The weight of the prior depends on the variance, which the fit determines.
         for _ in range(1 if stated is None and read <= robot.n else 3):
-            fit, used = triangle.given(unit, variance), variance
+            fit, used = triangle.fit_with_prior(unit, variance), variance
             left = read - int(np.isfinite(alike).sum())
             if left < 1:
                 break
@@ -140,8 +140,8 @@ class Expectation:
             usual: share of the deflection by which all targets may deviate alike.
 
         Returns:
-            Squared distance in standard uncertainties, probability of at least that distance, and number of
-            coordinates compared.
+            Squared distance in standard uncertainties; probability of at least this distance; and number of
+            coordinates compared, less the unknowns of the fitted term.
 
         Raises:
             SolverError: the load finds no balance.
@@ -177,21 +177,26 @@ class Expectation:
         """Compare the unloaded targets of a reading with their usual places on the flange.
 
         Returns:
-            Squared distance in standard deviations, and the probability of at least that distance.
+            Squared distance in standard deviations; and the probability of at least this distance, 1 if no
+            place can be compared.
         """
         places = View(self.robot, reading).places[0]
         off = (places - self.places)[np.isfinite(places - self.places).all(axis=1)] / self.spread
         square = float(np.square(off).sum())
         return square, float(special.chdtrc(off.size, square)) if off.size else 1.0
 
-    def distance_quantile(self, probability: float, count: int) -> float:
-        """Return the squared distance that a reading of so many coordinates keeps within by a probability."""
+    def squared_distance_quantile(self, probability: float, count: int) -> float:
+        """Return the quantile of the squared Mahalanobis distance of a reading with `count` coordinates.
+
+        The distribution is χ², or that of ``count · F`` where sigma is estimated with `freedom` degrees of
+        freedom.
+        """
         if np.isinf(self.freedom):
             return float(special.chdtri(count, 1.0 - probability))
         return float(count * special.fdtri(count, self.freedom, probability))
 
     def exceedance_probability(self, square: float, count: int) -> float:
-        """Return the probability of a squared distance at least as great for so many coordinates."""
+        """Return the probability that the squared distance of `count` coordinates exceeds `square`."""
         if count < 1:
             return 0.0
         if np.isinf(self.freedom):
@@ -199,18 +204,18 @@ class Expectation:
         return float(special.fdtrc(count, self.freedom, square / count))
 
 
-def innovation(robot: Robot, measurements: Measurements, compliance: FloatArray) -> Innovation:
-    """Compare the last reading with its prediction by the others, and look for the mistake if it is doubtful.
+def compare_last_reading(robot: Robot, measurements: Measurements, compliance: FloatArray) -> Innovation:
+    """Compare the last reading with its prediction from the others; look for a mistake if it is doubtful.
 
     Args:
         robot: n joints.
         measurements: N observations.
-        compliance: (n,) by a fit to the others [rad/(N·m)].
+        compliance: (n,) compliances from a fit to the others [rad/(N·m)].
     """
     reading = measurements[-1:]
     others = measurements[:-1] if len(measurements) > 1 else None
     try:
-        expected = None if others is None else Expectation.of(robot, others, compliance)
+        expected = None if others is None else Expectation.from_readings(robot, others, compliance)
         if others is None or expected is None:
             return _UNJUDGED
         _, p_value, _ = expected.measure_distance(reading)
@@ -242,7 +247,7 @@ def innovation(robot: Robot, measurements: Measurements, compliance: FloatArray)
     where = (
         f"{length_text(off)} from where the other readings predict it"
         if doubtful
-        else "unloaded targets misplaced"
+        else "the unloaded targets are misplaced"
     )
     why = " or ".join(causes) + "?" if causes else "no single mistake explains it"
     return Innovation(
@@ -268,16 +273,18 @@ class HeldOut:
         return self.ball_ratio <= 1.0
 
 
-def held_out(robot: Robot, measurements: Measurements, compliance: FloatArray, row: int) -> HeldOut | None:
+def check_held_out_reading(
+    robot: Robot, measurements: Measurements, compliance: FloatArray, row: int
+) -> HeldOut | None:
     """Compare a held-out reading with the 90 % ball about its prediction by the other readings.
 
-    The ball covers noise and the uncertainty of the prediction. With `_FEWEST` other readings or more it also
-    covers the model error, by the distances of these readings from predictions by the rest.
+    The ball covers noise and the uncertainty of the prediction. With at least `_FEWEST` others it also
+    covers the model error: each of them is compared with its prediction from the rest.
 
     Args:
         robot: n joints.
         measurements: N observations.
-        compliance: (n,) by a fit to the others [rad/(N·m)].
+        compliance: (n,) compliances from a fit to the others [rad/(N·m)].
         row: index of the held-out reading.
 
     Returns:
@@ -286,11 +293,11 @@ def held_out(robot: Robot, measurements: Measurements, compliance: FloatArray, r
     others = measurements[np.delete(np.arange(len(measurements)), row)]
     reading = measurements[np.array([row])]
     try:
-        expected = Expectation.of(robot, others, compliance)
+        expected = Expectation.from_readings(robot, others, compliance)
         if expected is None:
             return None
         square, _, count = expected.measure_distance(reading)
-        limit = expected.distance_quantile(_BALL, count)
+        limit = expected.squared_distance_quantile(_BALL, count)
         if len(others) >= _FEWEST:
             own = np.sort(_cross_check_readings(expected, others, 0.0)[:, 0])
             limit = max(limit, float(own[min(len(own) - 1, int(np.ceil(_BALL * (len(own) + 1))) - 1)]))
@@ -306,7 +313,8 @@ def _measure_unusual_distances(
     """Measure a reading's distance from its prediction beyond a usual share of the deflection.
 
     Returns:
-        (2,) squared distances in any way, and as far as another force explains them; (2,) their p-values.
+        (2,) squared distance, and the part of it that another size of the force explains; and (2,) the
+        p-values of these two numbers.
     """
     square, p_value, _ = expected.measure_distance(reading, usual=usual)
     fitted, _, _ = expected.measure_distance(reading, usual=usual, free=FORCE_SCALE)
@@ -315,14 +323,15 @@ def _measure_unusual_distances(
 
 
 def _cross_check_readings(expected: Expectation, others: Measurements, usual: float) -> FloatArray:
-    """Predict each of K readings by the rest, and return the squared distances (K, 2).
+    """Predict each of K readings from the rest, and return the squared distances (K, 2).
 
-    The columns are those of `_measure_unusual_distances`. All use the noise of `expected`.
+    The columns are the squared distance, and the part of it that another size of the force explains. All
+    predictions use the noise of `expected`. If no reading can be predicted, the result is one row of zeros.
     """
     squares = []
     for k in range(len(others)):
         part = others[np.delete(np.arange(len(others)), k)]
-        rest = Expectation.of(expected.robot, part, expected.compliance)
+        rest = Expectation.from_readings(expected.robot, part, expected.compliance)
         if rest is not None:
             rest = replace(rest, noise=expected.noise, misfit=expected.misfit)
             squares.append(_measure_unusual_distances(rest, others[np.array([k])], usual)[0])
@@ -335,8 +344,8 @@ def _find_causes(
     """Search for the mistakes that explain a doubtful reading.
 
     Returns:
-        Whether a plain slip, with no fitted size, is the best explanation; and the explanations in words, the
-        likeliest first.
+        True if the best explanation is a slip such as a wrong sign, without a fitted size; and the
+        explanations in words, the likeliest first.
     """
     scores: list[tuple[bool, float, str]] = []  # fitted, cost, words; plain slips first
     for words, changed, free, unknowns in _propose_mistakes(expected.robot, reading, others):
@@ -375,7 +384,7 @@ def _propose_mistakes(
         yield words, exchanged, None, 0
     for label, joints in zip(others.labels, others.joints, strict=True):
         if not np.allclose(joints, reading.joints[0]):
-            yield f"the arm stood as for '{label}'", replace(reading, joints=joints[None]), None, 1
+            yield f"the arm was in the posture of '{label}'", replace(reading, joints=joints[None]), None, 1
     for j, name in enumerate(robot.joint_names):
         turned = reading.joints.copy()
         turned[0, j] *= -1.0
@@ -405,16 +414,27 @@ def _propose_target_exchanges(reading: Measurements) -> Iterator[tuple[str, Meas
 def _build_stack(
     robot: Robot, measurements: Measurements, terms: tuple[Term, ...], compliance: FloatArray
 ) -> Stack:
-    """Return the whitened rows of readings by the columns of terms, linearised at compliances (n,)."""
-    return Stack.of(regressor_blocks(robot, measurements, compliance), terms, compliance)
+    """Build the whitened rows of readings, with one column for each unknown of the terms.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        terms: compliances and errors that are unknown.
+        compliance: (n,) compliances at which the rows are linearised [rad/(N·m)].
+    """
+    return Stack.from_blocks(regressor_blocks(robot, measurements, compliance), terms, compliance)
 
 
 def _compute_median_places(robot: Robot, others: Measurements) -> tuple[FloatArray, float]:
-    """Return the median places (T, 3) of targets in the flange frame, and their standard deviation [m]."""
+    """Return the median places (T, 3) of targets in the flange frame [m], and their standard deviation [m].
+
+    With fewer than `_FEWEST` observations, or without positions, the places are NaN.
+    """
     places = View(robot, others).places
     if len(others) < _FEWEST or np.isnan(places).all():
         return np.full(places.shape[1:], np.nan), _PLACE
     with np.errstate(all="ignore"):
+        # 1.5 is nearly the ratio of the standard deviation to the median absolute deviation.
         middle = np.nanmedian(places, axis=0)
         spread = 1.5 * float(np.nanmedian(np.abs(places - middle)))
     return middle, max(_PLACE, spread)

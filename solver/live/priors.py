@@ -9,25 +9,29 @@ import numpy as np
 
 from jointstiff.schemas.options import StiffnessPrior
 from jointstiff.solver.estimation.fit import student_quantile
-from jointstiff.solver.live.ahead import Known
+from jointstiff.solver.live.ahead import KnownCompliances
 
 _NORMAL: Final = student_quantile(0.975, None)
 """Half-width of an interval of 95 % over the standard uncertainty."""
 Standing = Literal["waits", "counts", "deviates"]
 
 
-def standings(
-    names: Sequence[str], known: Known, priors: Mapping[str, StiffnessPrior]
+def compare_priors(
+    names: Sequence[str], known: KnownCompliances, priors: Mapping[str, StiffnessPrior]
 ) -> dict[str, Standing]:
-    """Return for each joint with a prior whether the prior counts, waits for more readings, or deviates.
+    """Compare prior stiffnesses with the readings, and return the state of each prior.
 
-    A prior counts once the readings alone determine the joint at least as well, and agree with the prior
-    (95 %). So an arm that deviates from its prior is noticed before the prior influences the result.
+    A prior counts (is used) once the readings alone determine the joint at least as well as the prior, and
+    agree with it (95 %). It waits for more readings before, and deviates if the readings contradict it. So a
+    wrong prior is noticed before it influences the result.
 
     Args:
         names: names of the n joints.
         known: n compliances by the readings alone.
         priors: prior stiffnesses by name of the joint.
+
+    Returns:
+        "counts", "waits" or "deviates" by name of each joint with a prior.
     """
     found: dict[str, Standing] = {}
     for j, name in enumerate(names):

@@ -26,9 +26,14 @@ from jointstiff.solver.estimation.estimate import stiffness_interval
 from jointstiff.solver.estimation.fit import student_quantile
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.live.ahead import Ahead, Known, Next, Share
-from jointstiff.solver.live.innovation import HeldOut, Innovation, held_out, innovation
-from jointstiff.solver.live.priors import Standing, standings
+from jointstiff.solver.live.ahead import CandidateReadings, KnownCompliances, NextReading, UncertaintyShare
+from jointstiff.solver.live.innovation import (
+    HeldOut,
+    Innovation,
+    check_held_out_reading,
+    compare_last_reading,
+)
+from jointstiff.solver.live.priors import Standing, compare_priors
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.run import run
 from jointstiff.solver.text import length_text
@@ -47,7 +52,7 @@ and loads explain too little."""
 
 
 @dataclass(frozen=True, eq=False)
-class Taken:
+class ReadingsSoFar:
     """Readings of a live campaign, with what was found about each of them."""
 
     measurements: Measurements | None = None  #: readings that count; None before the first
@@ -65,9 +70,9 @@ class Taken:
 class Progress:
     """A campaign's readings compared with its goal."""
 
-    ahead: Ahead  #: candidates of the readings to come, and the robot
+    ahead: CandidateReadings  #: candidates of the readings to come, and the robot
     goal: Goal  #: declared before the first reading
-    taken: Taken  #: readings so far
+    taken: ReadingsSoFar  #: readings so far
     priors: Mapping[str, StiffnessPrior]  #: prior stiffnesses by name of the joint
     weight: OwnWeight | None = None  #: options to identify by own weight; None with loads
 
@@ -76,23 +81,23 @@ class Progress:
         """Number of readings that count."""
         return 0 if self.taken.measurements is None else len(self.taken.measurements)
 
-    def judge(self, readings: Measurements) -> tuple[Innovation | None, HeldOut | None]:
+    def compare_reading(self, readings: Measurements) -> tuple[Innovation | None, HeldOut | None]:
         """Compare a new reading with the readings so far.
 
         Args:
             readings: readings so far, and the new one last.
 
         Returns:
-            The comparison with what the others predict, None where they cannot predict it; and, if the new
-            reading is held out, its place in the 90 % ball about the prediction, else None.
+            The comparison with the prediction from the readings so far, None if they cannot predict it; and,
+            if the new reading is held out, its place in the 90 % ball about the prediction, else None.
         """
         compliance, robot = self._compliance, self.ahead.robot
         if self.weight is not None or readings.direction is not None or compliance is None:
             return None, None
-        found = innovation(robot, readings, compliance)
+        found = compare_last_reading(robot, readings, compliance)
         if not self.awaits_held_out or found.doubtful:
             return found, None
-        return found, held_out(robot, readings, compliance, len(readings) - 1)
+        return found, check_held_out_reading(robot, readings, compliance, len(readings) - 1)
 
     @cached_property
     def _compliance(self) -> FloatArray | None:
@@ -101,19 +106,19 @@ class Progress:
         if measurements is None:
             return None
         try:
-            estimate = JointsAlone(robot, measurements, Settings.of(RunOptions(), robot)).estimate
+            estimate = JointsAlone(robot, measurements, Settings.from_options(RunOptions(), robot)).estimate
         except JointstiffError:
             return None
         return np.maximum(estimate.compliance, 0.0)
 
     @cached_property
     def result(self) -> RunResult | JointstiffError | None:
-        """Result of the readings so far, with priors that count; the error where identification fails.
+        """Result of the readings so far, with the priors in use; the error if the identification fails.
 
-        None before the first reading.
+        It is None before the first reading.
         """
-        counting = self.counting_priors
-        return self._identify_with_priors(counting) if counting else self._result_without_priors
+        priors = self.priors_in_use
+        return self._identify_with_priors(priors) if priors else self._result_without_priors
 
     @cached_property
     def _result_without_priors(self) -> RunResult | JointstiffError | None:
@@ -136,25 +141,25 @@ class Progress:
 
     @cached_property
     def standings(self) -> dict[str, Standing]:
-        """State of the prior of each joint (counts, waits or deviates), by the name of the joint."""
+        """State of each prior by the name of its joint: "counts" (is used), "waits" or "deviates"."""
         if not self.priors or self.weight is not None:
             return {}
         own = self._extract_known_compliances(self._result_without_priors, assumed=True)
-        return standings(self.ahead.robot.joint_names, own, self.priors)
+        return compare_priors(self.ahead.robot.joint_names, own, self.priors)
 
     @property
-    def counting_priors(self) -> dict[str, StiffnessPrior]:
-        """Priors that count, by the name of the joint."""
+    def priors_in_use(self) -> dict[str, StiffnessPrior]:
+        """Priors that the estimate uses, by the name of the joint; the others wait or deviate."""
         return {name: self.priors[name] for name, each in self.standings.items() if each == "counts"}
 
     @cached_property
-    def known(self) -> Known:
-        """Compliances by the readings so far, whose covariance holds stated errors but no assumed ones."""
+    def known(self) -> KnownCompliances:
+        """Compliances from the readings so far; their covariance contains stated errors, not assumed ones."""
         return self._extract_known_compliances(self.result, assumed=False)
 
     def _extract_known_compliances(
         self, result: RunResult | JointstiffError | None, *, assumed: bool
-    ) -> Known:
+    ) -> KnownCompliances:
         """Return the compliances of a result with their covariance.
 
         Args:
@@ -163,10 +168,10 @@ class Progress:
         """
         robot = self.ahead.robot
         if not isinstance(result, RunResult):
-            return Known.nothing(robot.n)
+            return KnownCompliances.before_any_reading(robot.n)
         compliance = np.array([joint.compliance or np.nan for joint in result.joints], dtype=np.float64)
         if result.budget is not None:
-            left_out = set() if _may_lack_model(result.goodness) else {"model_error"}
+            left_out = set() if _residuals_may_exceed_noise(result.goodness) else {"model_error"}
             if not assumed:
                 left_out |= {part.source for part in result.budget.components if "assumed" in part.source}
             covariance, factor = _combine_covariances(result.budget, robot.joint_names, left_out)
@@ -174,10 +179,10 @@ class Progress:
             u = np.array([joint.standard_uncertainty or np.nan for joint in result.joints], dtype=np.float64)
             covariance, factor = np.diag(np.square(np.nan_to_num(u))), student_quantile(0.975, None)
         known = np.diagonal(covariance) > 0.0
-        return Known(np.where(known, compliance, np.nan), covariance, factor)
+        return KnownCompliances(np.where(known, compliance, np.nan), covariance, factor)
 
     @cached_property
-    def share(self) -> Share:
+    def share(self) -> UncertaintyShare:
         """Uncertainty so far compared with that of the goal."""
         return self.ahead.compare_with_goal(self.goal, self.known)
 
@@ -185,10 +190,14 @@ class Progress:
     def doubtful(self) -> list[str]:
         """Labels of doubtful readings that were neither withdrawn nor kept."""
         settled = self.taken.withdrawn | self.taken.kept
-        return [label for label in self.taken.judged if label not in settled and self.found(label).doubtful]
+        return [
+            label
+            for label in self.taken.judged
+            if label not in settled and self.find_comparison(label).doubtful
+        ]
 
-    def found(self, label: str) -> Innovation:
-        """Return how a reading compared with the others when it came, or the mistake since seen in it."""
+    def find_comparison(self, label: str) -> Innovation:
+        """Return the comparison of a reading when it came, with a mistake that later readings have shown."""
         found, mistake = self.taken.judged[label], self.mistake
         if mistake is None or mistake.observation != label or found.doubtful:
             return found
@@ -198,8 +207,8 @@ class Progress:
     def mistake(self) -> Finding | None:
         """Finding that says not to use an observation; None if no observation is mistaken.
 
-        At least `_FEWEST_THAT_TELL` readings are needed: of two that disagree, either may be wrong. Findings
-        about the whole set, such as links that bend, are part of the model error instead.
+        At least `_FEWEST_THAT_TELL` readings are needed: if two readings disagree, either may be wrong.
+        Findings about the whole set, such as links that bend, are not counted: the model error covers them.
         """
         if self.count < _FEWEST_THAT_TELL or not isinstance(self.result, RunResult):
             return None
@@ -219,22 +228,22 @@ class Progress:
     def fewest(self) -> int:
         """Number of readings before the goal can be met."""
         result = self.result
-        lacks = isinstance(result, RunResult) and _may_lack_model(result.goodness)
+        lacks = isinstance(result, RunResult) and _residuals_may_exceed_noise(result.goodness)
         return FEWEST_WITH_MODEL_ERROR if lacks else FEWEST
 
     @property
     def met(self) -> bool:
-        """True if the goal is met by enough readings that can be used, none of them in doubt."""
+        """True if enough readings meet the goal, and none of them is doubtful or mistaken."""
         return self._uncertainty_suffices and self.mistake is None
 
     @property
     def _uncertainty_suffices(self) -> bool:
-        """True if the uncertainty is at most that of the goal by enough readings, none of them in doubt."""
+        """True if there are enough readings, none is doubtful, and the uncertainty is at most the goal's."""
         return self.count >= self.fewest and not self.doubtful and self.share.greatest_share <= 1.0
 
     @property
     def is_checked(self) -> bool:
-        """True if the last reading was held out and lies in its ball."""
+        """True if the last reading was held out and lies in the 90 % ball about its prediction."""
         return self.taken.check is not None and self.taken.check.inside
 
     @property
@@ -248,7 +257,7 @@ class Progress:
         return self.fewest == FEWEST and self.next is not None and self.next.missing == 1
 
     @cached_property
-    def next(self) -> Next | None:
+    def next(self) -> NextReading | None:
         """The next reading; None if no candidate is left."""
         m = self.taken.measurements
         taken = np.array(self.taken.skipped, dtype=np.float64).reshape(-1, self.ahead.robot.n)
@@ -258,7 +267,7 @@ class Progress:
 
     @property
     def still_needed(self) -> int | None:
-        """Number of readings that are missing, the held-out one among them; None if unknown."""
+        """Number of readings still to be taken, the held-out reading included; None if unknown."""
         if self.met:
             return 0 if self.is_checked else 1
         if self.mistake is not None:  # the mistake has to be mended first
@@ -283,11 +292,11 @@ class Progress:
         return "it reduces the uncertainty of the deflection in the work area most"
 
     def state(self) -> tuple[Literal["measuring", "reached", "cannot"], str]:
-        """Return the state of the campaign, and a sentence that explains it."""
+        """Return the state of the campaign, and a sentence that explains the state."""
         read = "1 reading" if self.count == 1 else f"{self.count} readings"
         if self.doubtful:
             label = self.doubtful[-1]
-            return "measuring", f"{label} is doubtful: {self.found(label).message or ''}"
+            return "measuring", f"{label} is doubtful: {self.find_comparison(label).message or ''}"
         if self.met:
             return self._describe_check_state(read)
         if self.mistake is not None:
@@ -311,7 +320,7 @@ class Progress:
         return "measuring", f"do not use these readings yet: {words}"
 
     def _describe_check_state(self, read: str) -> tuple[Literal["measuring", "reached"], str]:
-        """Return state and sentence of a campaign whose goal is met, with or without a successful check.
+        """Return state and sentence of a campaign whose goal is met: checked by a held-out reading, or not.
 
         Args:
             read: number of readings in words.
@@ -324,7 +333,7 @@ class Progress:
         return "measuring", f"{failed}the goal is met; one held-out reading checks it"
 
     def _describe_assumed_errors(self) -> str:
-        """Return in words the uncertainty with assumed errors, if they put it beyond the goal; else ''."""
+        """Return a remark if assumed errors raise the uncertainty above the goal; else an empty string."""
         if not isinstance(self.goal, JointsGoal):
             return ""
         whole = self._extract_known_compliances(self.result, assumed=True)
@@ -335,14 +344,16 @@ class Progress:
         return f", without the assumed errors of load point and force (with them ± {100 * greatest:.0f} %)"
 
     def _describe_obstacle(self) -> str:
-        """Return in words which joint, or which deflection, keeps the goal from being met."""
+        """Return a sentence that names the joint or the deflection that keeps the goal from being met."""
         share, result, names = self.share, self.result, self.ahead.robot.joint_names
         if share.joint is None:
             reached = "unknown" if share.uncertainty is None else length_text(share.uncertainty)
-            return f"the deflection in the work area is known to {reached}, and readings add little"
+            return f"the deflection in the work area is known to {reached}, and more readings help little"
         parts = {part.joint: part for part in result.contributions} if isinstance(result, RunResult) else {}
-        own = parts.get(names[share.joint])
-        carries = "" if own is None else f" carries {100 * own.mean:.1f} % of the deflection, and"
+        contribution = parts.get(names[share.joint])
+        carries = (
+            "" if contribution is None else f" carries {100 * contribution.mean:.1f} % of the deflection, and"
+        )
         return f"{names[share.joint]}{carries} will not be known well enough"
 
     def joints(self) -> list[LiveJoint]:
@@ -374,8 +385,8 @@ class Progress:
         return joints
 
 
-def _may_lack_model(goodness: Goodness) -> bool:
-    """Return whether residuals may be more than noise, so that a model error has to be counted."""
+def _residuals_may_exceed_noise(goodness: Goodness) -> bool:
+    """Return whether residuals may be greater than noise explains, so that a model error is likely."""
     if goodness.sigma_source == "residuals":
         return True
     return float(special.chdtrc(goodness.degrees_of_freedom, goodness.chi_square)) < _SHOWS
@@ -384,15 +395,15 @@ def _may_lack_model(goodness: Goodness) -> bool:
 def _combine_covariances(
     budget: Budget, names: Sequence[str], left_out: Collection[str]
 ) -> tuple[FloatArray, float]:
-    """Combine the components of an uncertainty budget, the model error included.
+    """Combine the components of an uncertainty budget, and its model error, to one covariance.
 
     Args:
         budget: uncertainty budget of a run.
         names: names of the n joints.
-        left_out: sources of uncertainty that do not count.
+        left_out: sources of uncertainty that are ignored.
 
     Returns:
-        The covariance (n, n) of the compliances [(rad/(N·m))²]; and the coverage factor of 95 %, by Student's
+        The covariance (n, n) of the compliances [(rad/(N·m))²]; and the coverage factor of 95 %: Student's
         distribution with the least effective degrees of freedom of a joint (Welch-Satterthwaite, GUM G.4).
     """
     shown = [names.index(name) for name in budget.joints]

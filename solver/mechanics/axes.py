@@ -20,7 +20,7 @@ from jointstiff.solver.mechanics.postures import Postures
 
 @dataclass(frozen=True, eq=False)
 class DisplacedAxis:
-    """Derivative of the kinematics of B postures by k small displacements of one joint's axis."""
+    """Derivative of the kinematics of B postures with respect to k small displacements of a joint's axis."""
 
     linear: FloatArray  #: (B, 3, n, k) derivative of the first three rows of the spatial Jacobian
     angular: FloatArray  #: (B, 3, n, k) derivative of the last three rows of the spatial Jacobian
@@ -30,19 +30,19 @@ class DisplacedAxis:
     def differentiate(
         cls, postures: Postures, joint: int, across: FloatArray, turned: FloatArray
     ) -> DisplacedAxis:
-        """Differentiate the kinematics by small displacements of a joint's axis, while the joints turn.
+        """Differentiate the kinematics with respect to small displacements of a joint's axis.
 
         Args:
             postures: B postures of n joints.
             joint: index of the joint.
             across: (6, k) displacements of the axis: translations along, then rotations about the axes of
                 the joint's frame.
-            turned: (B, n, k) turn of the joints that goes with each displacement [rad or m].
+            turned: (B, n, k) motion of the joints that each displacement causes [rad or m].
         """
         S = postures.jacobian
         by_joints = S[..., None] * turned[:, None]  # (B, 6, n, k)
         carried = np.cumsum(by_joints, axis=2)
-        moved = carried - by_joints  # motion of each axis by the joints before it
+        moved = carried - by_joints  # motion of each axis because of the joints before it
         behind = postures.axis_motions[:, joint] @ across
         moved[:, :, joint] += postures.placement_motions[:, joint] @ across
         moved[:, :, joint + 1 :] += behind[:, :, None]
@@ -54,15 +54,16 @@ class DisplacedAxis:
         )
 
     def at(self, points: FloatArray) -> FloatArray:
-        """Return the derivative (B, T, 3, k) [m] of places (B, T, 3) of points that move with the flange."""
+        """Return the derivative (B, T, 3, k) [m per unit] of points (B, T, 3) [m, R0] fixed to the flange."""
         v, w = self.flange[:, None, :3], self.flange[:, None, 3:]
         return np.asarray(v + np.cross(w, points[..., None], axis=2))
 
 
-def displaced_torque(block: RegressorBlock, at: Postures, joint: int, across: FloatArray) -> FloatArray:
-    """Return the derivative (B, n, k) of the load's torques by displacements of an axis, the joints at rest.
+def differentiate_torque(block: RegressorBlock, at: Postures, joint: int, across: FloatArray) -> FloatArray:
+    """Return the derivative (B, n, k) of the load's joint torques with respect to displacements of an axis.
 
-    `across` (6, k) holds the displacements, as in `displaced_deflection`; `at` is the posture of the joints.
+    The joints rest in the postures `at`. `across` (6, k) holds the displacements of the axis of `joint`:
+    translations along, then rotations about the axes of the joint's frame.
     """
     part, still = block.measurements, np.zeros((*at.q.shape, across.shape[1]))
     place = at.to_base(part.load_point[:, None])
@@ -73,29 +74,29 @@ def displaced_torque(block: RegressorBlock, at: Postures, joint: int, across: Fl
     return np.asarray(torque + np.einsum("bin,bim->bnm", at.angular_jacobian, by_lever))
 
 
-def displaced_deflection(
+def differentiate_deflection(
     block: RegressorBlock, compliance: FloatArray, joint: int, across: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return how small displacements of one axis change the predicted deflections and torques.
+    """Differentiate predicted deflections and torques with respect to small displacements of one axis.
 
     With the complementary stiffness K_c, torques change by ``dτ = (I − K_c diag(c))⁻¹ ∂τ`` in the loaded
-    posture, and the half-way posture turns by ``c ∘ dτ / 2``. Targets keep the place where they were read,
-    or their place on the flange if that was given.
+    posture, and the posture half-way between unloaded and loaded turns by ``c ∘ dτ / 2``. Targets keep the
+    place in R0 where they were read, or the place on the flange where that is known.
 
     Args:
         block: B observations of T targets.
-        compliance: (n,) of the joints [rad/(N·m)].
+        compliance: (n,) compliances c of the joints [rad/(N·m)].
         joint: index of the joint.
         across: (6, k) displacements of the axis: translations along, then rotations about the joint's frame.
 
     Returns:
-        Derivatives by the k displacements: (B, T, 3, k) of the targets' deflections [m per unit], and
-        (B, n, k) of the torques [N·m per unit].
+        The derivatives with respect to k displacements: of the targets' deflections (B, T, 3, k) [m per
+        unit], and of the joint torques (B, n, k) [N·m per unit].
     """
     part, postures, own = block.measurements, block.postures, block.compliance
     on_flange = part.in_flange[..., None, None]
     if own is None:
-        torque = displaced_torque(block, postures, joint, across)
+        torque = differentiate_torque(block, postures, joint, across)
         moved = DisplacedAxis.differentiate(postures, joint, across, 0.0 * torque)
         points = np.where(on_flange, moved.at(block.points), 0.0)
     else:
@@ -103,7 +104,7 @@ def displaced_deflection(
         loaded = Postures(block.robot, unloaded.q + own * block.torque)
         load_jacobian, _ = loaded.load(part.load_point, part.force, part.moment)
         stiffness = wrench_stiffness(loaded.angular_jacobian, load_jacobian, part.force, part.moment)
-        stays = displaced_torque(block, loaded, joint, across)
+        stays = differentiate_torque(block, loaded, joint, across)
         torque = np.asarray(np.linalg.solve(np.eye(len(own)) - stiffness * own, stays))
         moved = DisplacedAxis.differentiate(postures, joint, across, 0.5 * own[:, None] * torque)
         read = DisplacedAxis.differentiate(unloaded, joint, across, 0.0 * torque).at(part.position)

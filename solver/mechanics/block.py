@@ -48,12 +48,12 @@ class OwnWeight:
     """
 
     absolute: ClassVar[bool] = False
-    """Whether deflections count from the rigid arm; else from the arm that sags under its weight alone."""
+    """True if deflections count from the rigid arm; False if they count from the arm that already sags."""
 
-    #: (n,) masses [kg], zero for a link whose weight is left out; or (n, n), with the masses that count for
-    #: the torque of joint j in row j
+    #: (n,) masses [kg], zero for a link whose weight is neglected; or (n, n), where row j has the masses with
+    #: which the torque of joint j is computed
     mass: FloatArray
-    #: (n, 3) centres of mass in the frames that move with the joints [m]; or (n, n, 3), by joint as `mass`
+    #: (n, 3) centres of mass in the frames that move with the joints [m]; or (n, n, 3), row j for joint j
     centre: FloatArray
     gravity: FloatArray = field(default_factory=lambda: STANDARD_GRAVITY)  #: (3,) in R0 [m/s²]
 
@@ -67,12 +67,10 @@ class OwnWeight:
             )
 
     def torque_and_stiffness(self, robot: Robot, postures: Postures) -> tuple[FloatArray, FloatArray]:
-        """Return the torques g(q) of the weights about the joints and ``∂g/∂q`` (method.md §9).
-
-        Pinocchio's generalised gravity is the torque that holds the weights, so that the sign is reversed.
+        """Return the torques g(q) of the weights about the joints, and ``∂g/∂q`` (method.md §9).
 
         Returns:
-            Torques (B, n) [N·m], and their derivative (B, n, n) by the joint angles [N·m/rad].
+            Torques (B, n) [N·m], and their derivative (B, n, n) with respect to the joint angles [N·m/rad].
         """
         count, n = postures.q.shape
         torque, stiffness = np.empty((count, n)), np.empty((count, n, n))
@@ -84,28 +82,29 @@ class OwnWeight:
             data = model.createData()
             for i, q in enumerate(in_configuration_space(model, postures.q)):
                 slope = pin.computeGeneralizedGravityDerivatives(model, data, q)
+                # Pinocchio returns the torques that hold the weights: those of the weights are opposite.
                 torque[i, rows], stiffness[i, rows] = -data.g[rows], -slope[rows]
         return torque, stiffness
 
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """B load cases in balance: ``δθ = c ∘ (τ(q + δθ) + g(q + δθ) − g(q))``.
+    """Equilibrium of joint springs, loads and own weight: ``δθ = c ∘ (τ(q + δθ) + g(q + δθ) − g(q))``.
 
-    If the own weight is `absolute`, the term g(q) is left out, so that δθ includes the sag. Torques and
-    stiffness are those of the posture before the last step of Newton's method.
+    If the own weight is `absolute`, the term g(q) is omitted, so that δθ includes the sag. Torques and
+    stiffness belong to the posture before the last step of Newton's method.
     """
 
     loaded: Postures  #: kinematics of the loaded postures, before the last step
     step: FloatArray  #: (B, n) the last step [rad]
-    #: (B, n) torque by which the load, with the change of the own weight's, twists the joints [N·m]
+    #: (B, n) torque of the load about the joints, plus the change of the own weight's torque [N·m]
     torque: FloatArray
     stiffness: FloatArray  #: (B, n, n) K_c + ∂g/∂q of load and own weight [N·m/rad]
-    #: (B, n, n) ``(I − diag(c)(K_c + ∂g/∂q))⁻¹``, the answer of δθ to a change of c ∘ τ
+    #: (B, n, n) ``(I − diag(c)(K_c + ∂g/∂q))⁻¹``, the derivative of δθ with respect to c ∘ τ
     softened: FloatArray
 
 
-def balance(
+def find_balance(
     robot: Robot,
     compliance: FloatArray,
     cases: Measurements | LoadCases,
@@ -113,18 +112,18 @@ def balance(
     unloaded: Postures,
     near: Postures,
 ) -> Balance:
-    """Find the balance of springs, loads and own weight by Newton's method.
+    """Find the equilibrium of joint springs, loads and own weight using Newton's method.
 
     Args:
         robot: n joints.
         compliance: (n,) joint compliances [rad/(N·m)].
         cases: B loads, measured or to be predicted.
-        weight: own weight of the links; None leaves it out.
+        weight: own weight of the links; None neglects the weight.
         unloaded: kinematics without the load.
-        near: kinematics to start from.
+        near: kinematics of the postures from which Newton's method starts.
 
     Raises:
-        RequestError: a load finds no stable balance near the unloaded posture.
+        RequestError: a load has no stable equilibrium near the unloaded posture.
     """
     rest: FloatArray | float = 0.0
     if weight is not None and not weight.absolute:
@@ -159,11 +158,11 @@ def wrench_stiffness(
     Args:
         axes: (B, 3, n) axes of the joints in R0.
         load_jacobian: (B, 3, n) J_v at the load points [m/rad].
-        force: (B, 3) on the robot, axes of R0 [N].
-        moment: (B, 3) on the robot about the load point, axes of R0 [N·m].
+        force: (B, 3) force on the robot, axes of R0 [N].
+        moment: (B, 3) moment on the robot about the load point, axes of R0 [N·m].
 
     Returns:
-        (B, n, n) [N·m/rad].
+        The stiffness K_c (B, n, n) [N·m/rad].
     """
     axes, v = axes.transpose(1, 2, 0), load_jacobian.transpose(1, 2, 0)
     pull, n = cross(force.T[:, None], axes), axes.shape[1]
@@ -177,13 +176,13 @@ def wrench_stiffness(
 
 
 def _invert_softening(softening: FloatArray) -> FloatArray:
-    """Return ``(I − E)⁻¹`` of matrices E (B, n, n), by ``(I + E)(I + E²)(I + E⁴)…`` where they are small.
+    """Return ``(I − E)⁻¹`` for matrices E (B, n, n); small ones use the series ``(I + E)(I + E²)(I + E⁴)…``.
 
     Raises:
         RequestError: a matrix is singular, so that a load case has no balance.
     """
     identity, size = np.eye(softening.shape[1]), float(_infinity_norms(softening).max(initial=0.0))
-    if not size <= _SMALL:  # NaN, too
+    if not size <= _SMALL:  # also taken if the size is NaN
         try:
             return np.asarray(np.linalg.inv(identity - softening))
         except np.linalg.LinAlgError:
@@ -203,10 +202,10 @@ def _infinity_norms(matrices: FloatArray) -> FloatArray:
 
 
 def _is_unstable(softening: FloatArray) -> BoolArray:
-    """Return which balances (B,) are unstable: ``I − E`` has an eigenvalue that is not positive.
+    """Return a mask (B,) of unstable equilibria, where ``I − E`` has an eigenvalue that is not positive.
 
-    E is diag(c) times the stiffness of the load. Row sums below 1 prove stability without eigenvalues
-    (Gershgorin).
+    E (B, n, n) is diag(c) times the stiffness of the load. Row sums of E below 1 prove stability without
+    eigenvalues (Gershgorin).
     """
     unstable: BoolArray = _infinity_norms(softening) >= 1.0
     if unstable.any():
@@ -218,14 +217,15 @@ def _is_unstable(softening: FloatArray) -> BoolArray:
 
 
 def _refuse_unbalanced(failed: BoolArray) -> None:
-    """Raise a `RequestError` for the first of the cases (B,) marked as without a stable balance."""
+    """Raise a `RequestError` that names the first load case marked as failed (B,), if any is marked."""
     if failed.any():
         raise _no_balance_error(int(np.argmax(failed)))
 
 
 def _no_balance_error(case: int) -> RequestError:
+    """Return the error for the load case with this index, which has no stable equilibrium."""
     return RequestError(
-        "the load finds no stable balance near the unloaded posture",
+        "the robot has no stable equilibrium under this load near the unloaded posture",
         where=f"cases[{case}]",
         remedy="check the units of force, moment and length, or reduce the load",
     )
@@ -241,21 +241,22 @@ _KEPT: WeakKeyDictionary[Measurements, dict[bool, dict[str, Any]]] = WeakKeyDict
 
 
 def spring_frames(postures: Postures) -> tuple[FloatArray, FloatArray]:
-    """Return rotations (B, n + 1, 3, 3) and origins (B, n + 1, 3) [m] of the frames in which springs are.
+    """Return rotations (B, n + 1, 3, 3) and origins (B, n + 1, 3) [m] in R0 of the frames that may bend.
 
-    They are the frames that move with the joints, then R0 for the base, all given in R0.
+    These are the n frames that move with the joints, then R0 for the base.
     """
     axes, origin = postures.joint_frames
-    own, none = np.broadcast_to(np.eye(3), (len(axes), 1, 3, 3)), np.zeros((len(axes), 1, 3))
-    return np.concatenate([axes, own], axis=1), np.concatenate([origin, none], axis=1)
+    base_axes = np.broadcast_to(np.eye(3), (len(axes), 1, 3, 3))
+    base_origin = np.zeros((len(axes), 1, 3))
+    return np.concatenate([axes, base_axes], axis=1), np.concatenate([origin, base_origin], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
 class RegressorBlock:
     """Regressors of B observations of T targets of a robot with n joints.
 
-    Without a compliance the configurations are the unloaded ones. With one, they are those half-way to the
-    balance of springs and load, and the torques are those in that balance.
+    Without a compliance, the configurations are the unloaded postures. With a compliance, they are half-way
+    between the unloaded and the loaded postures, and the torques are those of the loaded postures.
     """
 
     robot: Robot  #: n joints
@@ -263,15 +264,15 @@ class RegressorBlock:
     postures: Postures  #: kinematics of the configurations
     torque: FloatArray  #: (B, n) torque of the load about each joint [N·m]
     load_jacobian: FloatArray  #: (B, 3, n) J_v at the load point [m/rad]
-    points: FloatArray  #: (B, T, 3) the targets in R0, in these configurations [m]
-    #: (B, T, 3, n) J_v at the targets [m/rad], or the part of it that a reading along a direction shows
+    points: FloatArray  #: (B, T, 3) targets in R0, in these configurations [m]
+    #: (B, T, 3, n) J_v at the targets [m/rad], projected on the direction of readings along a direction
     jacobian: FloatArray
     A: FloatArray  #: (B, T, 3, n) regressor of the deflections [m / (rad/(N·m))]; zero where not present
     measurements: Measurements  #: the observations themselves
 
     @cached_property
     def frames(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return how frames of links and base move the targets, and the load's wrench in each frame.
+        """Compute the targets' motion with the frames of links and base, and the load's wrench in each frame.
 
         Returns:
             (n + 1, B, T, 3, 6) motion of the targets by translations, then rotations, of the frame of each
@@ -293,7 +294,7 @@ class RegressorBlock:
 def regressor_blocks(
     robot: Robot, measurements: Measurements, compliance: FloatArray | None = None
 ) -> Iterator[RegressorBlock]:
-    """Yield the regressors of the deflections, block by block.
+    """Compute the regressors of the deflections, block by block.
 
     With a compliance c they hold the complementary stiffness (method.md §2): A c is then the deflection of
     the exact balance ``δθ = c ∘ τ(q + δθ)`` up to third order in δθ. Torques are those at q + δθ; Jacobians
@@ -306,10 +307,10 @@ def regressor_blocks(
         compliance: (n,) joint compliances [rad/(N·m)]; None neglects how deflection changes the torques.
 
     Returns:
-        Blocks of at most `BLOCK_LENGTH` observations, in order.
+        An iterator over blocks of at most `BLOCK_LENGTH` observations, in order.
 
     Raises:
-        SolverError: a load has no balance with joints of this compliance.
+        SolverError: a load has no equilibrium with joints of this compliance.
     """
     if len(measurements.joints) <= BLOCK_LENGTH:
         return iter((whole_block(robot, measurements, compliance),))
@@ -357,23 +358,23 @@ def unloaded_postures(robot: Robot, measurements: Measurements) -> Postures:
 
 
 def targets_in_flange(robot: Robot, part: Measurements) -> FloatArray:
-    """Return the mean places (T, 3) of the targets in the flange frame [m], as given or read."""
+    """Return the mean place (T, 3) of each target in the flange frame [m] over all observations."""
     read = unloaded_postures(robot, part).to_flange(part.position)
     places, present = np.where(part.in_flange[..., None], part.position, read), part.present[..., None]
     return np.asarray(np.where(present, places, 0.0).sum(axis=0) / np.maximum(present.sum(axis=0), 1))
 
 
 def _compute_block(robot: Robot, part: Measurements, compliance: FloatArray | None) -> RegressorBlock:
-    """Compute the regressors of some observations, at the balance of a compliance if one is given.
+    """Compute the regressors of some observations; with a compliance, include the complementary stiffness.
 
     Raises:
-        SolverError: a load has no balance with joints of this compliance.
+        SolverError: a load has no equilibrium with joints of this compliance.
     """
     if compliance is None:
         return unloaded_block(robot, Postures(robot, robot.joint_map.model_angles(part.joints)), part)
     unloaded = unloaded_postures(robot, part)
     try:
-        equilibrium = balance(robot, compliance, part, None, unloaded, unloaded)
+        equilibrium = find_balance(robot, compliance, part, None, unloaded, unloaded)
     except RequestError:
         raise SolverError(
             "there is no equilibrium under the load near the unloaded posture with joints as soft as these",
@@ -390,7 +391,7 @@ def _compute_block(robot: Robot, part: Measurements, compliance: FloatArray | No
 
 
 def unloaded_block(robot: Robot, postures: Postures, part: Measurements) -> RegressorBlock:
-    """Return the regressors of observations whose kinematics are known, without K_c."""
+    """Return the regressors of observations in known unloaded postures, without complementary stiffness."""
     points = part.position
     if part.in_flange.any():
         points = np.where(part.in_flange[..., None], postures.to_base(points), points)
@@ -408,7 +409,7 @@ def _assemble_block(
     part: Measurements,
 ) -> RegressorBlock:
     """Build a block from its kinematics and torques; `points` (B, T, 3) are the targets in R0 [m]."""
-    jacobian = part.shown(postures.jacobian_at(points))
+    jacobian = part.project_on_directions(postures.jacobian_at(points))
     A = np.multiply(jacobian, torque[:, None, None], order="C")
     if not part.present.all():
         A[~part.present] = 0.0
@@ -416,7 +417,7 @@ def _assemble_block(
 
 
 class Rows(NamedTuple):
-    """Rows of a fit: K columns of terms, then the readings; zero where nothing was read."""
+    """Rows of a fit: K columns of terms, then a column of readings; zero for missing readings."""
 
     targets: FloatArray  #: (B, T, 3, K + 1) rows of the targets [m], axes of R0
     encoders: FloatArray | None  #: (B, n, K + 1) rows of the encoders [rad]; None without encoders
@@ -424,16 +425,15 @@ class Rows(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Motion of targets and joints by one unit of each of k unknowns."""
+    """Motion of targets and joints for one unit of each of k unknowns."""
 
-    targets: FloatArray  #: (B, T, 3, k) of the targets [m per unit], axes of R0
-    joints: FloatArray | None = (
-        None  #: (B, n, k) of the joints behind their encoders [rad per unit]; None for none
-    )
+    targets: FloatArray  #: (B, T, 3, k) motion of the targets [m per unit], axes of R0
+    #: (B, n, k) motion of the joints as secondary encoders show it [rad per unit]; None if they show nothing
+    joints: FloatArray | None = None
 
 
 def nothing_stated(_: CommonUncertainty) -> tuple[float, ...]:
-    """Return no standard uncertainties."""
+    """Return no standard uncertainties, for a term whose uncertainty the readings never state."""
     return ()
 
 
@@ -447,26 +447,26 @@ class Term:
 
     name: str  #: name in budgets, tests and plans
     unit: str  #: unit of its unknowns
-    #: motion by its unknowns at a compliance (n,) of the joints [rad/(N·m)]
+    #: function that returns the motion per unit of its unknowns, at joint compliances (n,) [rad/(N·m)]
     motion: Callable[[RegressorBlock, FloatArray], Motion]
-    #: standard uncertainties of its unknowns as the readings state them, repeated over them; none without
+    #: function that returns the stated standard uncertainties, which repeat over the unknowns; may be empty
     prior: Callable[[CommonUncertainty], tuple[float, ...]] = nothing_stated
     suspected: bool = False  #: whether it is tested as a cause of what the joints leave unexplained
-    #: measurements whose loads are changed by its unknowns; None for a cause that moves targets directly
+    #: function that returns measurements with loads changed by the unknowns; None if targets move directly
     under: Callable[[Robot, Measurements, FloatArray], Measurements] | None = None
     nonnegative: bool = False  #: whether its unknowns cannot be negative
-    words: str = ""  #: what it is as a cause, with a place {} for its unknowns
-    remedy: str = ""  #: what to check, or to read, to be certain of it
-    #: standard uncertainty of its unknowns as a nuisance of plans under one load; 0 leaves it out
+    words: str = ""  #: description of the cause for messages, with a place {} for its unknowns
+    remedy: str = ""  #: what to check or to read to confirm the cause
+    #: standard uncertainty of its unknowns that plans under one load account for; 0 for none
     hedged: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class FittedErrors:
-    """Errors that were fitted with the joints and taken out of the readings: K unknowns."""
+    """Errors that were fitted together with the joints and subtracted from the readings: K unknowns."""
 
-    terms: tuple[Term, ...]  #: terms that they are of
-    unknowns: tuple[FloatArray, ...]  #: (k,) of each term, in its unit
+    terms: tuple[Term, ...]  #: fitted terms
+    unknowns: tuple[FloatArray, ...]  #: (k,) fitted values of each term, in its unit
     root: FloatArray  #: (K, r) root R of the covariance R Rᵀ of all unknowns
     determined: int  #: number of combinations of the unknowns that the readings distinguish from the joints
 
@@ -476,39 +476,39 @@ NOTHING_FITTED: Final = FittedErrors((), (), np.zeros((0, 0)), 0)
 
 @dataclass(frozen=True, eq=False)
 class CorrectedMeasurements(Measurements):
-    """Measurements from which the motion by fitted errors was subtracted."""
+    """Measurements from which the motion of fitted errors was subtracted."""
 
     fitted: FittedErrors = NOTHING_FITTED
 
     @classmethod
-    def of(cls, measurements: Measurements, fitted: FittedErrors) -> CorrectedMeasurements:
-        """Return corrected measurements together with the errors that were fitted."""
+    def from_measurements(cls, measurements: Measurements, fitted: FittedErrors) -> CorrectedMeasurements:
+        """Return already corrected measurements, together with the errors that were fitted."""
         return cls(
             **{each.name: getattr(measurements, each.name) for each in fields(Measurements)}, fitted=fitted
         )
 
 
 def fitted_errors(measurements: Measurements) -> FittedErrors:
-    """Return the errors that corrected measurements hold; no errors for uncorrected measurements."""
+    """Return the fitted errors of corrected measurements; `NOTHING_FITTED` for uncorrected measurements."""
     return measurements.fitted if isinstance(measurements, CorrectedMeasurements) else NOTHING_FITTED
 
 
 def move_by_torque(block: RegressorBlock, compliance: FloatArray, torque: FloatArray) -> Motion:
-    """Return the motion by torques τ (B, n, k): ``J (c ∘ τ)`` of targets, and ``c ∘ τ`` of joints."""
+    """Return the motion due to joint torques τ (B, n, k): ``J (c ∘ τ)`` of targets, ``c ∘ τ`` of joints."""
     bent = compliance[:, None] * torque
     return Motion(block.jacobian @ bent[:, None], bent)
 
 
 def rows_of(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray) -> Rows:
-    """Return the columns of terms, then the readings, of a block of observations.
+    """Return the least-squares rows of a block: the columns of all terms, then the readings.
 
-    Terms of errors depend on the compliance (n,) of the joints [rad/(N·m)].
+    The columns of errors depend on the compliance (n,) of the joints [rad/(N·m)].
     """
     part = block.measurements
     motions = {term.name: term.motion(block, compliance) for term in terms}
     targets = np.concatenate([*(m.targets for m in motions.values()), part.deflection[..., None]], axis=-1)
     if part.direction is not None:
-        targets = part.shown(targets)
+        targets = part.project_on_directions(targets)
     if not part.present.all():
         targets[~part.present] = 0.0
     widths = {name: motion.targets.shape[-1] for name, motion in motions.items()}
@@ -523,7 +523,7 @@ def rows_of(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray
 
 
 def whitened_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray) -> Rows:
-    """Return the rows of `rows_of` in units of sigma, so that the noise of each row has unit variance.
+    """Return the least-squares rows of a block, whitened: the noise of each row has variance sigma².
 
     The deflection of an encoder is a difference of two readings, with variance 2 σ_e² (method.md §2).
     """

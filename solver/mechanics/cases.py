@@ -1,4 +1,4 @@
-"""Load cases: postures, loads and where they act, and the places whose deflection is predicted."""
+"""Load cases: postures, loads and load points, and the places whose deflection is predicted."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from jointstiff.solver.errors import RequestError
 
 @dataclass(frozen=True, eq=False)
 class LoadCases:
-    """B load cases: postures, loads and where they act, and the places whose deflection is predicted.
+    """B load cases: postures, loads and load points, and the places whose deflection is predicted.
 
-    The wrench is dead: force and moment keep their size and direction in R0 while the load point moves with
+    Force and moment keep their size and direction in R0 while the load point moves with
     the flange. Arrays are checked and made read-only.
 
     Raises:
         RequestError: shapes disagree, a number is not finite, or there is no case.
     """
 
-    joints: FloatArray  #: (B, n) angles without the load, as the controller shows them [rad]
+    joints: FloatArray  #: (B, n) controller's joint angles without the load [rad]
     force: FloatArray  #: (B, 3) force on the robot, axes of R0 [N]
     moment: FloatArray  #: (B, 3) moment on the robot about the load point, axes of R0 [N·m]
-    load_point: FloatArray  #: (B, 3) where the force acts, flange frame [m]
+    load_point: FloatArray  #: (B, 3) point on which the force acts, flange frame [m]
     place: FloatArray  #: (B, 3) point whose deflection is predicted, flange frame [m]
 
     def __post_init__(self) -> None:

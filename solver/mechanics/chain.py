@@ -64,7 +64,7 @@ class ChainJoint:
     """
 
     name: str  #: name of the joint
-    kind: JointKind | Literal["fixed"]  #: how it moves; `fixed` does not
+    kind: JointKind | Literal["fixed"]  #: kind of motion; a `fixed` joint does not move
     rotation: FloatArray  #: (3, 3), from the joint's frame to the parent link's frame
     translation: FloatArray  #: (3,) origin of the joint's frame in the parent link's frame [m]
     axis: FloatArray  #: (3,) unit vector in the joint's frame; of no meaning for a fixed joint
@@ -196,7 +196,7 @@ _NO_BOUND: Final = np.full(1, np.inf)
 
 
 def _pinocchio_joint(joint: ChainJoint, placement: pin.SE3) -> tuple[object, ...]:
-    """Return the arguments of `pin.Model.addJoint` after the parent's index, for a moving joint."""
+    """Return the arguments of `pin.Model.addJoint` for a moving joint, without the parent's index."""
     kind = pin.JointModelPrismaticUnaligned if joint.kind == "prismatic" else pin.JointModelRevoluteUnaligned
     lower, upper = joint.limits or (-UNLIMITED, UNLIMITED)
     least = np.full(1, lower if lower > -UNLIMITED else -np.inf)
@@ -205,11 +205,11 @@ def _pinocchio_joint(joint: ChainJoint, placement: pin.SE3) -> tuple[object, ...
 
 
 def check_name(name: str, where: str) -> None:
-    """Refuse a name that people or programs could mistake for another.
+    """Refuse an empty or too long name, and invisible characters that make names look equal.
 
     Raises:
-        RobotError: Empty, longer than `MAX_NAME_LENGTH`, with control or other invisible
-            characters, or with spaces at an end.
+        RobotError: the name is empty, longer than `MAX_NAME_LENGTH`, has control or other invisible
+            characters, or spaces at an end.
     """
     if not name:
         raise RobotError("the name is missing or empty", remedy="give it a name", where=where)
@@ -232,7 +232,7 @@ def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> Kinema
     * standard: T_i = Rz(q_i + theta_i) Tz(d_i) Tx(a_i) Rx(alpha_i),
     * modified (Craig): T_i = Rx(alpha_i) Tx(a_i) Rz(q_i + theta_i) Tz(d_i).
 
-    A prismatic joint's length q_i is added to d_i instead, and theta_i stays.
+    The position q_i of a prismatic joint is a length: it is added to d_i instead of theta_i.
 
     Joints are named joint_1, joint_2, …; links base (frame 0, R0), link_1, …, flange (frame n). The
     links between have the origin and z of the joint that carries them: frame i in the modified,
@@ -270,7 +270,7 @@ def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> Kinema
 
 
 def _about_z(angle: float, length: float) -> pin.SE3:
-    """Return Rz(angle) Tz(length)."""
+    """Return the transform Rz(angle) Tz(length): rotation about z [rad], then translation along z [m]."""
     return pin.SE3(pin.utils.rotate("z", angle), np.array([0.0, 0.0, length]))
 
 

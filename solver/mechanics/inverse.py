@@ -55,24 +55,24 @@ _RUN: Final = 256
 
 
 class InverseKinematics:
-    """Joint angles that bring the flange to poses, prismatic joints standing still.
+    """Inverse kinematics: joint angles that bring the flange to given poses while prismatic joints rest.
 
     Attributes:
-        arm: the robot without its prismatic joints, six revolute ones: all angles below are its.
-        turning: (6,) indices of these among the robot's joints.
+        arm: robot without its prismatic joints, with six revolute joints; angles (..., 6) are of this arm.
+        turning: (6,) indices of the revolute joints among the robot's joints.
     """
 
     def __init__(self, robot: Robot, held: FloatArray | None = None) -> None:
-        """Find how the chain decomposes for a closed-form solution, or else the nearest chain that does.
+        """Find a closed-form solution of the chain, or of the nearest chain that has a closed-form solution.
 
         Args:
             robot: n joints, six of them revolute.
-            held: (n,) positions as the controller shows them, at which prismatic joints stand still [m];
-                needed if there are such.
+            held: (n,) controller's joint positions [rad or m], where prismatic joints rest; needed if the
+                robot has prismatic joints.
 
         Raises:
-            RobotError: the robot has not six revolute joints, the position of a prismatic one is not known,
-                or no chain near it decomposes.
+            RobotError: the robot does not have six revolute joints, the position of a prismatic joint is not
+                known, or no closed-form solution is known.
         """
         self._found_by = robot, held
         self.turning = np.flatnonzero(~robot.prismatic)
@@ -85,7 +85,7 @@ class InverseKinematics:
             if held is None:
                 linear = ", ".join(np.array(robot.joint_names)[robot.prismatic])
                 raise RobotError(
-                    f"the position of the linear axis {linear} is not stated",
+                    f"the request does not give the position of the linear axis {linear}",
                     remedy="give all joints as `near` or `start`: the linear axis stays there",
                     where="robot",
                 )
@@ -118,17 +118,17 @@ class InverseKinematics:
         )
 
     def __reduce__(self) -> tuple[type[InverseKinematics], tuple[Robot, FloatArray | None]]:
-        """Pickle the arguments only, as EAIK's decomposition does not pickle: it is found again."""
+        """Pickle only the arguments: EAIK's decomposition cannot be pickled and is found again."""
         return InverseKinematics, self._found_by
 
-    def of_arm(self, joints: FloatArray) -> FloatArray:
-        """Return the positions (..., 6) of the arm's joints out of those of all joints (..., n)."""
+    def select_arm_joints(self, joints: FloatArray) -> FloatArray:
+        """Select the arm's six joints from the positions of all joints (..., n); return (..., 6)."""
         return joints if self.arm.n == len(self._held) else joints[..., self.turning]
 
-    def whole(self, angles: FloatArray, *, of_model: bool = False) -> FloatArray:
-        """Return the positions (..., n) of all the robot's joints from the arm's angles (..., 6) [rad or m].
+    def insert_held_joints(self, angles: FloatArray, *, of_model: bool = False) -> FloatArray:
+        """Return the positions (..., n) [rad or m] of all joints: the arm's, and prismatic joints at rest.
 
-        Angles are the controller's, or the model's with `of_model`. Prismatic joints are where they are held.
+        The arm's angles (..., 6) [rad] are the controller's, or the model's if `of_model` is true.
         """
         if self.arm.n == len(self._held):
             return angles
@@ -138,51 +138,51 @@ class InverseKinematics:
         joints[np.isnan(angles[..., 0])] = np.nan
         return joints
 
-    def standing(self, robot: Robot, commanded: FloatArray) -> FloatArray:
-        """Return positions (m, n) with the flange poses of commanded positions, but prismatic joints held.
+    def reach_with_held_joints(self, robot: Robot, commanded: FloatArray) -> FloatArray:
+        """Reach the flange poses of commanded positions (m, n) without moving the prismatic joints.
 
-        All positions are the model's [rad or m].
+        Return positions (m, n); all positions are the model's [rad or m].
 
         Raises:
-            RequestError: the arm does not reach a pose while prismatic joints are held.
+            RequestError: the arm does not reach a pose without moving a prismatic joint.
         """
         if self.arm is robot:
             return commanded
-        angles, reached = self.polished(flange_poses(robot, commanded), self.of_arm(commanded))
+        angles, reached = self.refine(flange_poses(robot, commanded), self.select_arm_joints(commanded))
         if not reached.all():
             raise RequestError(
                 "the arm does not reach the corrected target while the linear axis stays in place",
                 remedy="move the part away from the singularity",
                 where=f"cases[{int(np.argmin(reached))}]",
             )
-        return self.whole(angles, of_model=True)
+        return self.insert_held_joints(angles, of_model=True)
 
-    def solutions(self, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Return all solutions of flange poses (m, 4, 4) in R0 [m], and whether they are complete.
+    def solve(self, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Find all solutions of flange poses (m, 4, 4) in R0 [m].
 
-        For an identified chain, Newton's method begins at the solutions of the nearest chain that decomposes.
-        Near singularities it may fail, or reach one solution from two starts: then solutions may be missing.
+        Without a closed form, Newton's method starts from the closed-form solutions of a nearby chain. Near
+        singularities the method may fail, or reach one solution twice: then solutions may be missing.
 
         Returns:
-            Angles (m, 8, 6) of the model in [−π, π] [rad], filled up with NaN, and (m,) whether none is
-            missing.
+            The model's angles (m, 8, 6) in [−π, π] [rad], padded with NaN, and a mask (m,) of poses with all
+            solutions found.
         """
         angles, complete = self._solve_closed_form(poses)
         if not self._exact:
             case, branch = np.nonzero(np.isfinite(angles[:, :, 0]))
-            polished, reached = self.polished(poses[case], angles[case, branch])
+            polished, reached = self.refine(poses[case], angles[case, branch])
             polished[~reached] = np.nan
             complete[case[~reached]] = False
             angles[case, branch] = polished
-            for i in range(1, BRANCHES):  # two equal solutions show that another was lost
-                gaps = apart(angles[:, i:], angles[:, :-i])
+            for i in range(1, BRANCHES):  # two equal solutions show that another one was not found
+                gaps = compute_angle_gaps(angles[:, i:], angles[:, :-i])
                 complete &= ~(np.nan_to_num(gaps, nan=np.inf) < _ONE).any(axis=1)
             sharp = self.least_singular_value(polished[reached]) < _SINGULAR
             complete[case[reached][sharp]] = False
         return angles, complete
 
     def _solve_closed_form(self, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Return EAIK's solutions (m, 8, 6) [rad], filled up with NaN, and (m,) whether they are complete."""
+        """Return EAIK's solutions (m, 8, 6) [rad], padded with NaN, and a mask (m,) of complete poses."""
         solutions = [self._solver.calculate_IK(pose) for pose in poses]
         branches = [solution.Q for solution in solutions]
         counts = np.array([len(each) for each in branches])
@@ -199,16 +199,16 @@ class InverseKinematics:
             counts = np.bincount(pose, minlength=len(poses))
         else:
             complete[pose[least_squares]] = False
-        taken = np.arange(max(BRANCHES, counts.max())) < counts[:, None]
-        angles = np.full((*taken.shape, _JOINTS), np.nan)
-        angles[taken] = rows
+        is_filled = np.arange(max(BRANCHES, counts.max())) < counts[:, None]
+        angles = np.full((*is_filled.shape, _JOINTS), np.nan)
+        angles[is_filled] = rows
         return angles[:, :BRANCHES], complete
 
     def is_same_branch(self, q: FloatArray, near: FloatArray) -> BoolArray:
-        """Return which postures `q` (m, 6) surely are on the same branch as `near` (m, 6): (m,) [rad].
+        """Return a mask (m,) of postures `q` (m, 6) that are surely on the branch of `near` (m, 6) [rad].
 
-        If angles change by σ, the Jacobian changes by about σ. No other solution therefore lies within half
-        the least singular value of a solution.
+        The Jacobian changes by about as much as the angles. Within half the least singular value of a
+        solution there is therefore no other solution.
         """
         step = np.abs(q - near).max(axis=1, initial=0.0)
         known = np.flatnonzero(np.isfinite(step))
@@ -225,40 +225,44 @@ class InverseKinematics:
         jacobian = here.pose_jacobian_at(here.flange_translation[:, None])
         return np.asarray(np.linalg.svd(jacobian, compute_uv=False)[:, -1])
 
-    def followed(self, poses: FloatArray, near: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Follow the branches of angles (m, 6) [rad] along straight lines to poses (m, 4, 4) [m].
+    def follow_branches(self, poses: FloatArray, near: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Follow the branches of the model's angles (m, 6) [rad] along straight lines to poses (m, 4, 4) [m].
 
         Returns:
-            Angles (m, 6) of the model [rad], and (m,) whether the branch could be followed to the pose
-            without confusion with another.
+            The model's angles (m, 6) at the poses [rad], and a mask (m,) of poses that were reached on the
+            same branch with certainty.
         """
         begin, q = flange_poses(self.arm, near), near.copy()
-        done, step = np.zeros(len(poses)), np.ones(len(poses))
+        covered, step = np.zeros(len(poses)), np.ones(len(poses))  # shares of the line
         left = np.arange(len(poses))
         while len(left):
-            share = np.minimum(done[left] + step[left], 1.0)
-            angles, sure = self.polished(_poses_between(begin[left], poses[left], share), q[left])
+            share = np.minimum(covered[left] + step[left], 1.0)
+            angles, sure = self.refine(_poses_between(begin[left], poses[left], share), q[left])
             sure &= self.is_same_branch(angles, q[left])
             q[left[sure]] = angles[sure]
-            done[left[sure]] = share[sure]
+            covered[left[sure]] = share[sure]
             step[left] *= np.where(sure, 2.0, 0.5)
-            left = left[(done[left] < 1.0) & (step[left] >= _LEAST_STEP)]
-        return q, done >= 1.0
+            left = left[(covered[left] < 1.0) & (step[left] >= _LEAST_STEP)]
+        return q, covered >= 1.0
 
-    def polished(self, poses: FloatArray, near: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Solve for poses (m, 4, 4) [m] by Newton's method, starting from given angles (m, 6) [rad].
+    def refine(self, poses: FloatArray, near: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Solve for poses (m, 4, 4) [m] using Newton's method, starting from the model's angles (m, 6) [rad].
 
         Returns:
-            Angles (m, 6) of the model [rad], and (m,) whether the pose is reached.
+            The model's angles (m, 6) [rad], and a mask (m,) of the poses that are reached.
         """
         q, reached = near.copy(), np.zeros(len(near), dtype=np.bool_)
         for start in range(0, len(poses), _POLISHED_AT_ONCE):
             block = slice(start, start + _POLISHED_AT_ONCE)
-            q[block], reached[block] = self.polished_from(poses[block], Postures(self.arm, near[block]))
+            q[block], reached[block] = self.refine_from(poses[block], Postures(self.arm, near[block]))
         return q, reached
 
-    def polished_from(self, poses: FloatArray, here: Postures) -> tuple[FloatArray, BoolArray]:
-        """Solve for poses like `polished`, with the kinematics of the start angles already computed."""
+    def refine_from(self, poses: FloatArray, here: Postures) -> tuple[FloatArray, BoolArray]:
+        """Solve for poses (m, 4, 4) [m] using Newton's method, starting from computed kinematics `here`.
+
+        Returns:
+            The model's angles (m, 6) [rad], and a mask (m,) of the poses that are reached.
+        """
         q, reached = here.q.copy(), np.zeros(len(here), dtype=np.bool_)
         left = np.arange(len(here))
         for step_number in range(_STEPS):
@@ -280,7 +284,7 @@ class InverseKinematics:
 
 
 def flange_poses(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return poses (m, 4, 4) [m] of the flange in R0 at angles (m, n) of the model [rad]."""
+    """Return the flange's poses (m, 4, 4) in R0 [m] at the model's joint positions (m, n) [rad or m]."""
     return Postures(robot, q).flange_pose
 
 
@@ -313,21 +317,23 @@ def choose_postures(
     tested: BoolArray,
     start: FloatArray | None = None,
 ) -> tuple[FloatArray, IndexArray]:
-    """Return a posture for each pose of a path.
+    """Choose a posture for each target of a path.
 
-    A joint target is its own posture. A pose that is tested takes the solution whose angles are in the stated
-    ranges, the nearest to the posture before if several are; any other pose takes the nearest solution.
+    A joint target is used unchanged. A tested pose gets a solution with angles in the stated ranges, the
+    nearest to the posture before if there are several; any other pose gets the nearest solution.
 
     Args:
         inverse: kinematics of the robot.
         poses: (m, 4, 4) poses of the flange in R0 [m]; ignored where angles are given.
         given: (m, 6) controller's angles of joint targets [rad]; NaN for poses.
         stated: (m, 6, 2) least and greatest controller's angles [rad]; ∓inf where nothing is stated.
-        tested: (m,) whether the stated ranges decide; they decide in any case where no posture came before.
-        start: (n,) joints of the robot, as the controller shows them, near the first pose [rad or m].
+        tested: (m,) mask of poses for which the stated ranges decide; without a posture before, they always
+            do.
+        start: (n,) controller's joint positions near the first pose [rad or m]; None if unknown.
 
     Returns:
-        (m, n) joints of the robot as the controller shows them [rad or m], and (m,) values of `Unreached`.
+        The controller's joint positions (m, n) [rad or m], NaN without posture; and (m,) values of
+        `Unreached`.
 
     Raises:
         RobotError: the joint map lets a controller's angle depend on those of joints further out.
@@ -340,7 +346,7 @@ def choose_postures(
             where="joint_map.matrix",
         )
     joints, unreached = given.copy(), np.zeros(len(poses), dtype=np.intp)
-    previous = None if start is None else inverse.of_arm(start)
+    previous = None if start is None else inverse.select_arm_joints(start)
     for begin in range(0, len(poses), _AHEAD):
         block = slice(begin, begin + _AHEAD)
         choice = _PostureChoice(inverse, poses[block], given[block], stated[block], tested[block])
@@ -350,11 +356,11 @@ def choose_postures(
     low, high = robot.limits.T
     outside = np.maximum(low - angles, angles - high).max(axis=1) > _TOLERANCE
     unreached[known & outside & (unreached == Unreached.NO)] = Unreached.OUT_OF_LIMITS
-    return inverse.whole(joints), unreached
+    return inverse.insert_held_joints(joints), unreached
 
 
 class _PostureChoice:
-    """Choice of postures for a stretch of m poses, with all solutions of the poses [rad]."""
+    """Choice of postures for m consecutive targets of a path, with all solutions of the poses [rad]."""
 
     def __init__(
         self,
@@ -364,24 +370,32 @@ class _PostureChoice:
         stated: FloatArray,
         tested: BoolArray,
     ) -> None:
-        """Find all solutions (m, 8, 6) of the poses; the arguments are those of `choose_postures`."""
+        """Find all solutions of the poses.
+
+        Args:
+            inverse: inverse kinematics of the robot.
+            poses: (m, 4, 4) poses of the flange in R0 [m].
+            given: (m, 6) controller's angles of joint targets [rad]; NaN for poses.
+            stated: (m, 6, 2) least and greatest controller's angles [rad]; ∓inf without a stated range.
+            tested: (m,) mask of poses for which the stated ranges decide.
+        """
         self._inverse, self._robot, self._poses = inverse, inverse.arm, poses
         self._posed, self._stated, self._tested = np.isnan(given[:, 0]), stated, tested
         self._branches, self._complete = np.full((len(poses), 8, 6), np.nan), np.ones(len(poses), np.bool_)
-        self._branches[self._posed], self._complete[self._posed] = inverse.solutions(poses[self._posed])
+        self._branches[self._posed], self._complete[self._posed] = inverse.solve(poses[self._posed])
 
     def follow(
         self, joints: FloatArray, unreached: IndexArray, previous: FloatArray | None
     ) -> FloatArray | None:
-        """Choose a posture for each pose in turn, or note why none was chosen.
+        """Choose a posture for each pose in order, or store the reason why no posture was chosen.
 
         Args:
             joints: (m, 6) controller's angles [rad] to be filled in.
             unreached: (m,) values of `Unreached` to be filled in.
-            previous: (6,) the posture before, if there was one.
+            previous: (6,) controller's angles of the posture before [rad]; None if unknown.
 
         Returns:
-            The last posture (6,) that is known, by the controller's angles [rad]; None if there is none.
+            The controller's angles (6,) of the last known posture [rad]; None if no posture is known.
         """
         lost = self._posed & np.isnan(self._branches[:, :, 0]).all(axis=1)
         unreached[lost] = Unreached.OUT_OF_REACH
@@ -411,7 +425,7 @@ class _PostureChoice:
         Returns:
             Controller's angles (6,) [rad], and `Unreached.NO` or the reason why they must not be used.
         """
-        fits, angles = in_ranges(self._robot, self._branches[i], self._stated[i], previous)
+        fits, angles = fit_to_ranges(self._robot, self._branches[i], self._stated[i], previous)
         found = angles[fits]
         if not len(found):
             return np.full(6, np.nan), Unreached.NOT_AS_STATED
@@ -429,22 +443,22 @@ class _PostureChoice:
         """Choose solutions near the posture before along a run of poses, as far as the branch is certain.
 
         Returns:
-            Controller's angles (k, 6) [rad] of the first k poses, k at least 1, and `Unreached.NO` or the
-            reason why the first pose has no posture.
+            Controller's angles (k, 6) [rad] of the first k ≥ 1 poses, and `Unreached.NO` or the reason why
+            the first pose has no posture.
         """
         joint_map = self._robot.joint_map
         here = joint_map.model_angles(previous[None])[0]
-        b = int(np.nanargmin(apart(self._branches[run[0]], here)))
+        b = int(np.nanargmin(compute_angle_gaps(self._branches[run[0]], here)))
         if (
             not self._complete[run[0]]
             and not self._continues_branch(self._branches[run[:1], b], here[None])[0]
         ):
             # The branch of the posture before may be missing among the solutions: follow it by Newton steps
-            found, known = self._inverse.followed(self._poses[run[:1]], here[None])
+            found, known = self._inverse.follow_branches(self._poses[run[:1]], here[None])
             return joint_map.controller_angles(found), Unreached.NO if known[0] else Unreached.NOT_FOLLOWED
         kept = self._branches[run, b]  # (m, 6)
-        step = apart(kept[1:], kept[:-1])
-        others = apart(self._branches[run[1:]], kept[1:, None])
+        step = compute_angle_gaps(kept[1:], kept[:-1])
+        others = compute_angle_gaps(self._branches[run[1:]], kept[1:, None])
         others[:, b] = np.inf
         # A solution that is more than twice as far from all others as from the posture before is the nearest
         # to that posture, by the triangle inequality.
@@ -457,14 +471,15 @@ class _PostureChoice:
         return joint_map.controller_angles(angles), Unreached.NO
 
     def _continues_branch(self, angles: FloatArray, before: FloatArray) -> BoolArray:
-        """Return which solutions (k, 6) [rad], full turns aside, continue the branches of `before` (k, 6)."""
+        """Return a mask (k,) of solutions (k, 6) [rad] on the branches of `before`, up to full turns."""
         return self._inverse.is_same_branch(before + wrap_angles(angles - before), before)
 
 
-def apart(angles: FloatArray, from_: FloatArray) -> FloatArray:
-    """Return the greatest difference [rad] of an angle of postures (..., 6) from others, full turns aside."""
+def compute_angle_gaps(angles: FloatArray, from_: FloatArray) -> FloatArray:
+    """Return the greatest joint-angle difference (...) [rad] of postures (..., 6), up to full turns."""
     gaps = np.moveaxis(wrap_angles(angles - from_), -1, 0)
-    return np.asarray(np.abs(gaps, order="C").max(axis=0))  # joints on the first axis: a tenth of the time
+    # With joints on the first axis, the maximum takes a tenth of the time.
+    return np.asarray(np.abs(gaps, order="C").max(axis=0))
 
 
 def wrap_angles(angle: FloatArray) -> FloatArray:
@@ -472,7 +487,7 @@ def wrap_angles(angle: FloatArray) -> FloatArray:
     return angle - _TURN * np.round(angle / _TURN)
 
 
-def in_ranges(
+def fit_to_ranges(
     robot: Robot, solutions: FloatArray, stated: FloatArray, previous: FloatArray | None
 ) -> tuple[BoolArray, FloatArray]:
     """Add full turns to solutions (b, 6), so that the controller's angles are in stated ranges and limits.
@@ -483,10 +498,10 @@ def in_ranges(
         robot: six revolute joints.
         solutions: angles of the model [rad]; NaN where there is none.
         stated: (6, 2) least and greatest controller's angles [rad]; ∓inf where nothing is stated.
-        previous: (6,) controller's angles to which the nearest are taken; None for zero.
+        previous: (6,) controller's angles [rad], to which the nearest turns are chosen; None for zeros.
 
     Returns:
-        (b,) whether all angles of a solution are in their ranges, and the controller's angles (b, 6) [rad].
+        A mask (b,) of solutions with all angles in their ranges, and the controller's angles (b, 6) [rad].
     """
     matrix, offset, limits = robot.joint_map.matrix, robot.joint_map.offset, robot.limits
     shown = np.zeros_like(solutions)

@@ -85,16 +85,16 @@ class Instrument:
 
 
 def whitener(covariance: FloatArray) -> FloatArray:
-    """Return W with ``Wᵀ W = Σ⁻¹``, the inverse of the Cholesky factor of Σ (method.md §5, step 1).
+    """Return the whitening matrix W with ``Wᵀ W = Σ⁻¹`` of a covariance Σ (method.md §5, step 1).
 
     Args:
-        covariance: (..., m, m).
+        covariance: (..., m, m) covariances Σ.
 
     Returns:
-        (..., m, m) lower triangular.
+        W (..., m, m), lower triangular: the inverse of the Cholesky factor of Σ.
 
     Raises:
-        MeasurementError: if a covariance is not finite, symmetric and positive definite.
+        MeasurementError: a covariance is not finite, symmetric and positive definite.
     """
     refused = MeasurementError(
         "a covariance is not finite, symmetric and positive definite",
@@ -112,9 +112,9 @@ def whitener(covariance: FloatArray) -> FloatArray:
 
 
 def whitened(covariance: FloatArray, rows: FloatArray) -> FloatArray:
-    """Return rows (..., 3, k) whitened by a covariance (3, 3) or (..., 3, 3), so that noise is unit."""
-    # Most sets have this covariance, whose whitener is a number. Arrays are compared by value, as another
-    # process holds a copy of the constant.
+    """Whiten rows (..., 3, k) with a covariance (3, 3) or (..., 3, 3), so that their noise has variance 1."""
+    # Most sets have this covariance, whose whitener is a scalar. The comparison is by value, because a set
+    # that came from another process has a copy of the constant.
     if np.array_equal(covariance, ISOTROPIC_DIFFERENCE):
         return np.asarray(rows / np.sqrt(2.0))
     return np.asarray(whitener(covariance) @ rows)
@@ -122,7 +122,7 @@ def whitened(covariance: FloatArray, rows: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class DifferenceNoise:
-    """Stated noise of the deflections of N observations of T targets, as `Measurements` takes it."""
+    """Stated noise of the deflections of N observations of T targets: covariances, and sigma as unit."""
 
     #: root mean square, over the coordinates of all readings, of the standard uncertainty of a position
     #: [m]; only the unit of `covariance`, on which no estimate depends
@@ -130,8 +130,10 @@ class DifferenceNoise:
     covariance: FloatArray  #: (N, T, 3, 3) covariance of the deflections, in units of sigma²
 
     @classmethod
-    def of(cls, unloaded: FloatArray, loaded: FloatArray, coordinates: IndexArray) -> DifferenceNoise:
-        """Return the noise of deflections, the differences of two readings: Σ_d = Σ_unloaded + Σ_loaded.
+    def from_positions(
+        cls, unloaded: FloatArray, loaded: FloatArray, coordinates: IndexArray
+    ) -> DifferenceNoise:
+        """Return the noise of deflections, differences of two readings: Σ_d = Σ_unloaded + Σ_loaded.
 
         Args:
             unloaded: (N, T, 3, 3) covariance of the positions before the load [m²].
@@ -146,9 +148,9 @@ class DifferenceNoise:
         return cls(float(np.sqrt(variance)), covariance)
 
     @classmethod
-    def by(cls, instrument: Instrument, robot: Robot, plain: Measurements) -> DifferenceNoise:
-        """Return the noise of measurements without stated noise that an instrument read."""
-        return cls.of(*position_covariances(instrument, robot, plain), plain.coordinates)
+    def from_instrument(cls, instrument: Instrument, robot: Robot, plain: Measurements) -> DifferenceNoise:
+        """Return the noise of an instrument's measurements; `plain` are these without stated noise."""
+        return cls.from_positions(*position_covariances(instrument, robot, plain), plain.coordinates)
 
 
 def position_covariances(
@@ -162,32 +164,32 @@ def position_covariances(
     if plain.in_flange.any():
         configurations = Postures(robot, robot.joint_map.model_angles(plain.joints))
         places = np.where(plain.in_flange[..., None], configurations.to_base(places), places)
-    before = at_read_places(places, plain.present)
+    before = fill_unread_places(places, plain.present)
     return instrument.covariance(before), instrument.covariance(before + plain.deflection)
 
 
-def at_read_places(places: FloatArray, present: BoolArray) -> FloatArray:
-    """Return places (N, T, 3) with those of unread targets replaced by the place of a target that was read.
+def fill_unread_places(places: FloatArray, present: BoolArray) -> FloatArray:
+    """Return places (N, T, 3), where each target that was not read has the place of one that was read.
 
-    Unread targets have no place, but covariances are computed for all: any valid place serves.
+    Covariances are computed for all targets, and any valid place serves for a target without reading.
     """
     return np.where(present[..., None], places, places[present][0])
 
 
-def first_equal(keys: FloatArray) -> IndexArray:
-    """Return, for each row of keys (N, k), the index (N,) of the first row with the same numbers."""
+def find_first_equal(keys: FloatArray) -> IndexArray:
+    """Return, for each row of `keys` (N, k), the index (N,) of the first row with equal numbers."""
     first: dict[bytes, int] = {}
     # Adding zero turns negative zeros into positive zeros, whose bytes differ.
     return np.array([first.setdefault(row.tobytes(), i) for i, row in enumerate(keys + 0.0)])
 
 
-def refuse_no_covariance(covariance: FloatArray, present: BoolArray, field: str) -> None:
+def refuse_invalid_covariance(covariance: FloatArray, present: BoolArray, field: str) -> None:
     """Refuse matrices that are not symmetric and positive definite within rounding.
 
     Args:
         covariance: (N, T, 3, 3) covariances of readings [any unit].
-        present: (N, T) which of the readings count.
-        field: name of a reading's field that holds the covariance, for the message.
+        present: (N, T) mask of the readings to check.
+        field: name of the field with the covariance, for the error.
 
     Raises:
         MeasurementError: a matrix is not a covariance; the error names the first such reading.
@@ -247,10 +249,11 @@ ASSUMED_FORCE_SCALE: Final = 0.01
 
 @dataclass(frozen=True)
 class CommonUncertainty:
-    """Standard uncertainties, each fully correlated over the observations (method.md §8).
+    """Standard uncertainties of errors that all observations share (method.md §8).
 
     The true wrench is ``(1 + ε) (I + φ×) W``: ε scales force and moment of all observations alike, φ turns
-    both about the axes of R0. Load and targets are off their stated places in the flange frame.
+    both about the axes of R0. The load point and the targets deviate from their stated places in the flange
+    frame.
 
     Raises:
         MeasurementError: an uncertainty is negative or not finite.
@@ -269,9 +272,10 @@ class CommonUncertainty:
 
     @property
     def stated(self) -> CommonUncertainty:
-        """Return these uncertainties without assumed ones.
+        """Return these uncertainties, with zero in place of those that were assumed rather than stated.
 
-        In campaigns with the same hook and load cell, the assumed errors are equal and cancel on comparison.
+        In campaigns with the same hook and load cell, the assumed errors are equal: a comparison cancels
+        them.
         """
         place = 0.0 if "load_point" in self.assumed else self.load_point
         scale = 0.0 if "force_scale" in self.assumed else self.scale
@@ -302,8 +306,8 @@ EXACT: Final = CommonUncertainty()
 """Loads and places without uncertainty."""
 
 
-def shown_along(direction: FloatArray | None, motion: FloatArray) -> FloatArray:
-    """Return what readings show of the targets' motion: all of it, or the part along a reading's direction.
+def project_on_directions(direction: FloatArray | None, motion: FloatArray) -> FloatArray:
+    """Project motions of targets on the directions of readings along one direction; keep all other motions.
 
     A reading along n is the least-squares row ``nᵀ δp``. Three rows ``n nᵀ δp`` with isotropic noise have the
     same square, so that such readings can be handled like vectors (method.md §3).
@@ -311,7 +315,10 @@ def shown_along(direction: FloatArray | None, motion: FloatArray) -> FloatArray:
     Args:
         direction: (N, T, 3) unit vectors, zero for readings of all three coordinates; None if no reading is
             along a direction.
-        motion: (N, T, 3) or (N, T, 3, k), axes of R0.
+        motion: (N, T, 3) or (N, T, 3, k) motions, axes of R0.
+
+    Returns:
+        The projected motions, in the shape of `motion`.
     """
     if direction is None:
         return motion
@@ -323,7 +330,7 @@ def shown_along(direction: FloatArray | None, motion: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Measurements:
-    """N observations of up to T targets. Arrays are checked and made read-only.
+    """Measured deflections under load: N observations of up to T targets. Arrays are made read-only.
 
     Raises:
         MeasurementError: shapes disagree, a number is not finite, there is no observation, sigma is
@@ -331,7 +338,7 @@ class Measurements:
             positive definite.
     """
 
-    joints: FloatArray  #: (N, n) angles as the controller shows them [rad]
+    joints: FloatArray  #: (N, n) controller's joint angles [rad]
     force: FloatArray  #: (N, 3) force on the robot, axes of R0 [N]
     moment: FloatArray  #: (N, 3) moment on the robot about the load point, axes of R0 [N·m]
     load_point: FloatArray  #: (N, 3) where the force acts, flange frame [m]
@@ -349,16 +356,16 @@ class Measurements:
     #: (N, T, 3) unit vectors, axes of R0, of readings along one direction; zero for readings of all three
     #: coordinates. None if there are only those.
     direction: FloatArray | None = None
-    #: what secondary encoders read of the joints; None if there are none. It takes a sigma to weigh them
-    #: against the targets.
+    #: readings of secondary encoders; None without encoders. They require `sigma`, which weights them
+    #: relative to the targets.
     encoders: EncoderReadings | None = None
-    #: (N, T) what a robust loss leaves of each reading, 1 of a good one; `covariance` is divided by it
-    #: already, and rows that are not weighted by covariance are weighted by it. None for ones.
+    #: (N, T) weights by a robust loss, 1 for a good reading; None for ones. `covariance` is already divided
+    #: by them; rows that are not weighted by covariance still need them.
     weight: FloatArray | None = None
     #: uncertainty of loads and places that all observations share
     common_uncertainty: CommonUncertainty = EXACT
-    #: (N, T) targets that were read without load and not under it: `position` alone counts, `present` is
-    #: False. None if there are none.
+    #: (N, T) mask of targets that were read without load but not under load: only `position` is valid, and
+    #: `present` is False. None if there are no such targets.
     unloaded_only: BoolArray | None = None
     labels: tuple[str, ...] = ()  #: (N,) labels of the observations; "1", "2", … where none are given
     targets: tuple[str, ...] = ()  #: (T,) names of the targets; "1", "2", … where none are given
@@ -380,7 +387,7 @@ class Measurements:
         if self.covariance.ndim == 2:
             check_array("covariance", self.covariance, (3, 3))
         if self.direction is not None:
-            object.__setattr__(self, "deflection", self.shown(self.deflection))
+            object.__setattr__(self, "deflection", self.project_on_directions(self.deflection))
         if self.encoders is not None:
             check_array("encoder_readings", self.encoders.deflection, self.joints.shape)
         if self.encoders is not None and self.sigma is None:
@@ -393,9 +400,9 @@ class Measurements:
 
     @property
     def _row_shapes(self) -> dict[str, tuple[int, ...]]:
-        """Return, by name, the shape of an observation's row in each array with a row for each observation.
+        """Return the names of all arrays with a row for each observation, with the shape of one row.
 
-        Optional arrays that are None are left out.
+        Optional arrays that are None are omitted.
         """
         targets = self.present.shape[1:]
         shapes = {"joints": self.joints.shape[-1:], "covariance": (*targets, 3, 3)}
@@ -422,15 +429,15 @@ class Measurements:
         along = False if self.direction is None else self.direction.any(axis=-1)
         return np.where(self.present, np.where(along, 1, 3), 0)
 
-    def shown(self, motion: FloatArray) -> FloatArray:
-        """Return what the readings show of the targets' motion (N, T, 3) or (N, T, 3, k), axes of R0."""
-        return shown_along(self.direction, motion)
+    def project_on_directions(self, motion: FloatArray) -> FloatArray:
+        """Project motions (N, T, 3[, k]), axes of R0, on the directions of readings along one direction."""
+        return project_on_directions(self.direction, motion)
 
     def __len__(self) -> int:
         return len(self.joints)
 
     def place(self, row: int) -> str:
-        """Return the name of the observation at this index in messages, with its label."""
+        """Return the name in messages of the observation with this index: ``observations[3] '4'``."""
         return f"observations[{row}] '{self.labels[row]}'"
 
     @property
@@ -438,7 +445,7 @@ class Measurements:
         """Return whether all readings are positions without load."""
         return self.unloaded_only is not None and not self.present.any()
 
-    def with_loads(self) -> Measurements:
+    def require_loads(self) -> Measurements:
         """Return these measurements, after checking that every reading has a position under load.
 
         Raises:
@@ -460,12 +467,12 @@ class Measurements:
             f"{self.place(i)}, target {self.targets[t]}: `loaded` is missing ({missing} of "
             f"{missing + present} readings)",
             where=f"observations[{i}].readings",
-            remedy="give the position under load, or omit the reading; if positions without load are to "
-            f"count by the robot's own weight, {by_weight}",
+            remedy="give the position under load, or omit the reading; to use positions without load, which "
+            f"show the sag under the robot's own weight, {by_weight}",
         )
 
-    def evenly(self, most: int) -> Measurements:
-        """Return at most `most` observations, evenly spread over the set; the whole set if it is as small."""
+    def select_evenly(self, most: int) -> Measurements:
+        """Return at most `most` observations, evenly spread over the set; all if the set is not larger."""
         count = len(self)
         return self if count <= most else self[np.arange(most) * (count - 1) // max(most - 1, 1)]
 
@@ -478,7 +485,7 @@ class Measurements:
 
 
 def _names_or_numbers(where: str, names: tuple[str, ...], count: int) -> tuple[str, ...]:
-    """Return the names given, or "1", "2", … if there are none.
+    """Return `names`, or "1", "2", … up to `count` if `names` is empty.
 
     Raises:
         MeasurementError: the number of names is not `count`.

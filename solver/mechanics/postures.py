@@ -88,10 +88,11 @@ class Postures:
 
     @cached_property
     def placement_motions(self) -> FloatArray:
-        """(N, n, 6, 6) spatial motion of everything that a joint carries, by small motions of its placement.
+        """Derivative (N, n, 6, 6) of the motion behind a joint with respect to the joint's placement.
 
-        Columns are translations along, then rotations about the axes of the joint's frame before it moves [m,
-        rad]; rows are as in `jacobian`.
+        Entry [:, j] is the spatial motion of everything that joint j carries. Columns are translations along,
+        then rotations about the axes of the joint's frame before it moves [m, rad]; rows are the velocity
+        of the point in the origin of R0 [m], then the rotation [rad], axes of R0.
         """
         model, (count, n) = self._robot.model, self.q.shape
         motions = np.empty((count, 6, 6 * n))
@@ -103,7 +104,7 @@ class Postures:
 
     @property
     def axis_motions(self) -> FloatArray:
-        """(N, n, 6, 6) spatial motion of everything that a joint carries, by small motions of its axis alone.
+        """Derivative (N, n, 6, 6) of the motion behind a joint with respect to the joint's axis alone.
 
         The joint's frame moves before the joint turns, and moves back behind it, so that at position zero of
         the joint nothing else moves. Rows and columns are as in `placement_motions`.
@@ -112,9 +113,9 @@ class Postures:
 
     @cached_property
     def weight_levers(self) -> FloatArray:
-        """(N, n, n, 4, 3) torque on joint j by the mass of link l, under unit gravity along each axis of R0.
+        """Torques (N, n, n, 4, 3) on joint j from the mass of link l, under unit gravity along axes of R0.
 
-        The four columns are torques by 1 kg at the origin of the link's frame, then by a first moment of
+        The four columns are torques of 1 kg at the origin of the link's frame, then of a first moment of
         1 kg·m along each axis of the frame; zero where l < j.
         """
         (count, n), joints = self.q.shape, in_configuration_space(self._robot.model, self.q)
@@ -134,7 +135,7 @@ class Postures:
 
         The first three rows are the velocity of the point of the flange that passes through the origin of R0
         [m/rad], the last three the flange's angular velocity [rad/rad]. The column of a prismatic joint is
-        its axis above zeros [m/m, rad/m].
+        its axis, then zeros [m/m, rad/m].
         """
         return self._kinematics[0]
 
@@ -168,16 +169,16 @@ class Postures:
         return len(self.q)
 
     def jacobian_at(self, points: FloatArray) -> FloatArray:
-        """Return the velocity Jacobian J_v of points fixed to the flange, now at given places (method.md §1).
+        """Return the velocity Jacobian J_v of points that are fixed to the flange (method.md §1).
 
         Column j is ``a_j × (x - o_j)``, or a_j of a prismatic joint; the spatial Jacobian holds
         ``-a_j × o_j`` already.
 
         Args:
-            points: (N, T, 3) places in R0 [m].
+            points: (N, T, 3) places of the points in R0, in each posture [m].
 
         Returns:
-            (N, T, 3, n) linear velocities, axes of R0 [m/rad].
+            J_v (N, T, 3, n), axes of R0 [m/rad].
         """
         x = np.ascontiguousarray(points.transpose(1, 2, 0))[:, :, None]
         v, w = np.split(self.jacobian.transpose(1, 2, 0), 2)
@@ -189,7 +190,7 @@ class Postures:
         return out.transpose(3, 0, 1, 2)
 
     def load(self, point: FloatArray, force: FloatArray, moment: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the Jacobians at the load points, and the joint torques of loads.
+        """Compute the velocity Jacobians at the load points, and the joint torques of loads.
 
         Args:
             point: (N, 3) load point where the force acts, flange frame [m].
@@ -225,7 +226,7 @@ class Postures:
 
 
 def frame_motions(rotation: FloatArray, origin: FloatArray) -> FloatArray:
-    """Return the spatial motions (..., 6, 6) of frames by small motions along and about their axes.
+    """Return the derivative (..., 6, 6) of spatial motions with respect to motions in the frames' axes.
 
     Args:
         rotation: (..., 3, 3) axes of the frames in R0.

@@ -75,10 +75,10 @@ class JointMap:
 
     @classmethod
     def from_rows(cls, matrix: Sequence[Sequence[float]], offset: Sequence[float]) -> JointMap:
-        """Build the map from rows that a request gave.
+        """Build the joint map from lists of numbers.
 
         Raises:
-            RobotError: rows of different lengths, or anything that the class refuses.
+            RobotError: the rows have different lengths, or the matrix is not a valid map.
         """
         lengths = {len(row) for row in matrix}
         if lengths != {len(matrix)}:
@@ -96,11 +96,11 @@ class JointMap:
         return len(self.offset)
 
     def model_angles(self, controller: FloatArray) -> FloatArray:
-        """Return the model's positions (N, n) for those that the controller shows (N, n) [rad or m]."""
+        """Return the model's joint positions (N, n) for the controller's positions (N, n) [rad or m]."""
         return np.asarray(controller @ self.matrix.T + self.offset)
 
     def controller_angles(self, model: FloatArray) -> FloatArray:
-        """Return the positions that the controller shows for the model's positions (..., n) [rad or m]."""
+        """Return the controller's joint positions (..., n) for the model's positions (..., n) [rad or m]."""
         wanted = (model - self.offset).reshape(-1, self.n)  # columns of one system: factorised once
         return np.asarray(np.linalg.solve(self.matrix, wanted.T)).T.reshape(model.shape)
 
@@ -109,11 +109,11 @@ class JointMap:
 class Body:
     """Body of a robot with mass and centre of mass, and bounds of both."""
 
-    name: str  #: for messages
+    name: str  #: name in messages
     joint: int  #: index of the joint that carries it
     mass: float  #: m₀ [kg]
-    least: float  #: bound of the mass from below [kg]
-    most: float  #: bound of the mass from above [kg]
+    least: float  #: lower bound of the mass [kg]
+    most: float  #: upper bound of the mass [kg]
     centre: tuple[float, float, float]  #: centre of mass s in the frame that moves with the joint [m]
     radius: float = 0.0  #: R, how far the true centre of mass may be from `centre` [m]
 
@@ -128,7 +128,7 @@ class Body:
         relative: float = STATED_BY_DEFAULT,
         radius: float = 0.0,
     ) -> Body:
-        """Return a body whose mass is known within ± a relative half-width; 0 for an exact mass."""
+        """Return a body whose mass is within ``(1 ± relative) mass``; `relative` 0 means an exact mass."""
         return cls(name, joint, mass, (1.0 - relative) * mass, (1.0 + relative) * mass, centre, radius)
 
 
@@ -162,14 +162,14 @@ class Robot:
         """Read names, kinds, axes and limits from the model.
 
         Args:
-            model: n joints in one line; it is kept, not copied.
-            joint_map: n joints; the identity if absent.
-            bodies: with their masses; they change no kinematics.
-            flange: name of the frame behind the last joint that is the flange; default: the only tip there.
+            model: n joints, each carrying the next; the model is not copied.
+            joint_map: map of n joints; None for the identity.
+            bodies: bodies with their masses; they do not affect the kinematics.
+            flange: name of the flange frame, behind the last joint; None for the only frame at the end.
 
         Raises:
-            RobotError: the model branches, has no joint or one of another kind, the flange is no frame behind
-                the last joint, or the joint map is for another number of joints.
+            RobotError: the model branches, has no joint or an unsupported joint, the flange is not a frame
+                behind the last joint, or the joint map has another number of joints.
         """
         if list(model.parents)[1:] != list(range(model.njoints - 1)):
             raise RobotError(
@@ -201,10 +201,10 @@ class Robot:
         self.flange, self.flange_placement = frame.name, frame.placement
 
     def joint_index(self, name: str, where: str) -> int:
-        """Return the index of a joint that a field of a request names.
+        """Return the index of the joint with this name; `where` is the request's field, for the error.
 
         Raises:
-            RequestError: there is no such joint.
+            RequestError: the robot has no joint of this name.
         """
         if name not in self.joint_names:
             raise RequestError(
@@ -239,18 +239,18 @@ class Robot:
             joints.append(ChainJoint(name, "fixed", place.rotation, place.translation, z, None, self.flange))
         return KinematicChain(self.model.name or "robot", links.get(0, "base"), self.flange, tuple(joints))
 
-    def by_kind(self, turning: float, sliding: float) -> FloatArray:
-        """Return (n,) numbers by kind of joint: `turning` for revolute, `sliding` for prismatic joints."""
+    def select_by_kind(self, turning: float, sliding: float) -> FloatArray:
+        """Return (n,) numbers: `turning` for each revolute joint, `sliding` for each prismatic joint."""
         return np.where(self.prismatic, sliding, turning)
 
     def within_limits(self, joints: FloatArray) -> BoolArray:
-        """Return which postures (N,) are within the joint limits; `joints` (N, n) are the controller's."""
+        """Return a mask (N,) of postures within the joint limits; `joints` (N, n) are the controller's."""
         model = self.joint_map.model_angles(joints)
         inside = (model >= self.limits[:, 0] - _ROUNDING) & (model <= self.limits[:, 1] + _ROUNDING)
         return np.asarray(inside.all(axis=1), dtype=np.bool_)
 
-    def in_whole_units(self, joints: FloatArray) -> FloatArray:
-        """Return positions (N, n) [rad or m] rounded to whole degrees, or mm of prismatic joints."""
+    def round_to_whole_units(self, joints: FloatArray) -> FloatArray:
+        """Return joint positions (N, n) [rad or m] rounded to whole degrees, or to whole mm if prismatic."""
         degrees: FloatArray = np.radians(np.round(np.degrees(joints)))
         return np.where(self.prismatic, np.round(joints * 1e3) / 1e3, degrees)
 
@@ -300,8 +300,8 @@ def _find_flange_frame(model: pin.Model, flange: str | None) -> pin.Frame:
         for number, frame in enumerate(model.frames)
         if frame.parentJoint == model.njoints - 1 and frame.type != pin.FrameType.JOINT
     ]
-    above = {frame.parentFrame for _, frame in behind}
-    tips = [frame for number, frame in behind if number not in above and flange is None]
+    parents = {frame.parentFrame for _, frame in behind}
+    tips = [frame for number, frame in behind if number not in parents and flange is None]
     tips += [frame for _, frame in behind if frame.name == flange and frame.type != pin.FrameType.FIXED_JOINT]
     if len(tips) == 1:
         return tips[0]
@@ -309,7 +309,7 @@ def _find_flange_frame(model: pin.Model, flange: str | None) -> pin.Frame:
         raise RobotError(
             f"the robot has no frame '{flange}' behind the last joint"
             if flange
-            else "several frames may be the flange",
+            else "the robot has several frames that may be the flange",
             where="flange",
             remedy=f"use one of {', '.join(frame.name for _, frame in behind)}",
         )
@@ -344,14 +344,15 @@ def copy_with_weights(
 
 
 def fix_prismatic_joints(robot: Robot, held: FloatArray) -> Robot:
-    """Return the robot with its prismatic joints fixed where the controller shows them.
+    """Return the robot with its prismatic joints fixed at given positions.
 
     Args:
         robot: n joints.
-        held: (n,) joint positions as the controller shows them; those of revolute joints are ignored.
+        held: (n,) controller's joint positions [rad or m]; those of revolute joints are ignored.
 
     Raises:
-        RobotError: no joint is left, or a prismatic joint moves with a revolute joint of the controller.
+        RobotError: the robot has no other joint, or a prismatic joint also depends on a revolute joint of the
+            controller.
     """
     matrix, offset, slides = robot.joint_map.matrix, robot.joint_map.offset, robot.prismatic
     if matrix[np.ix_(slides, ~slides)].any():
@@ -360,15 +361,15 @@ def fix_prismatic_joints(robot: Robot, held: FloatArray) -> Robot:
             remedy="give a joint map in which prismatic joints depend on prismatic joints only",
             where="joint_map.matrix",
         )
-    by_held = matrix[:, slides] @ held[slides] + offset
-    at = in_configuration_space(robot.model, np.where(slides, by_held, 0.0)[None])[0]
+    offset_with_held = matrix[:, slides] @ held[slides] + offset
+    at = in_configuration_space(robot.model, np.where(slides, offset_with_held, 0.0)[None])[0]
     fixed = (np.flatnonzero(slides) + 1).tolist()
-    joint_map = JointMap(matrix[np.ix_(~slides, ~slides)], by_held[~slides])
+    joint_map = JointMap(matrix[np.ix_(~slides, ~slides)], offset_with_held[~slides])
     return Robot(pin.buildReducedModel(_add_frames(robot), fixed, at), joint_map, flange=robot.flange)
 
 
 def _add_frames(robot: Robot) -> pin.Model:
-    """Return a copy of the model with frames of all joints and of the flange, which reducing needs."""
+    """Return a copy of the model with frames of all joints and the flange, as `buildReducedModel` needs."""
     model = robot.model.copy()
     for i, name in enumerate(robot.joint_names, 1):
         if not model.existFrame(name, pin.FrameType.JOINT):

@@ -23,20 +23,20 @@ from jointstiff.solver.mechanics.block import Motion, RegressorBlock, Term, wren
 
 
 def _bend_joints(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001  # linear
-    """Return the motion by joint compliances: ``J diag(τ)`` of targets, ``diag(τ)`` behind the gearboxes."""
+    """Return the motion per unit of joint compliances: ``J diag(τ)`` of targets, ``diag(τ)`` of joints."""
     if block.measurements.encoders is None:
         return Motion(block.A)
     return Motion(block.A, block.torque[..., None] * np.eye(block.torque.shape[1]))
 
 
 def _turn_joints(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001  # kinematics
-    """Return the motion of the targets by a turn of each joint, J, whatever the load."""
+    """Return the motion of the targets per turn of each joint, J, independent of the load."""
     return Motion(block.jacobian)
 
 
 JOINTS = Term("joints", "rad/(N·m)", _bend_joints)
 TURNS = Term("turns", "rad", _turn_joints)
-"""Motion by turns of the joints themselves, in rad, without regard to torques."""
+"""Turns of the joints [rad], independent of torques."""
 
 
 BASE: Final = -1
@@ -45,9 +45,10 @@ BASE: Final = -1
 
 @lru_cache(maxsize=64)
 def entries(size: int) -> tuple[IndexArray, IndexArray]:
-    """Return row and column indices of the entries of a symmetric matrix that make up its vector.
+    """Return the row and column indices of a symmetric matrix's upper triangle.
 
-    There are size (size + 1) / 2, in the order (0,0), (0,1), (1,1), (0,2), … of Clarabel's triangle cone.
+    The size (size + 1) / 2 entries that make up the matrix's vector are in the order (0,0), (0,1), (1,1),
+    (0,2), … of Clarabel's triangle cone.
     """
     lower_rows, lower_columns = np.tril_indices(size)
     for indices in (lower_rows, lower_columns):
@@ -67,10 +68,11 @@ def weights(size: int) -> FloatArray:
     return weights
 
 
-def products(moves: FloatArray, load: FloatArray) -> FloatArray:
-    """Return the derivative of ``moves · C load`` by the vector of a symmetric matrix C (k, k).
+def differentiate_bilinear_form(moves: FloatArray, load: FloatArray) -> FloatArray:
+    """Return the derivative of ``moves · C load`` with respect to the vector of a symmetric matrix C (k, k).
 
-    `moves` and `load` are (..., k), the derivative is (..., k (k + 1) / 2); see `entries` for the vector.
+    `moves` and `load` are (..., k), the derivative is (..., k (k + 1) / 2). The vector has the upper triangle
+    of C, with entries off the diagonal times √2.
     """
     size = moves.shape[-1]
     i, j = entries(size)
@@ -80,18 +82,22 @@ def products(moves: FloatArray, load: FloatArray) -> FloatArray:
 
 
 def _bend_coupled_joints(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001  # linear
-    """Return the motion by a full joint compliance (n, n): joints bend under torques about other joints."""
-    return Motion(products(block.jacobian, block.torque[:, None, None]))
+    """Return the motion per entry of a full joint compliance (n, n), which couples the joints."""
+    return Motion(differentiate_bilinear_form(block.jacobian, block.torque[:, None, None]))
 
 
 def _bend_links(frames: tuple[int, ...], block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
-    """Return the motion by full compliances (6, 6) of links or base, 21 entries for each frame."""
+    """Return the motion per entry of full compliances (6, 6) of links or base, 21 entries for each frame."""
     moves, wrench, _ = block.frames
-    return Motion(np.concatenate([products(moves[j], wrench[j, :, None, None]) for j in frames], axis=-1))
+    return Motion(
+        np.concatenate(
+            [differentiate_bilinear_form(moves[j], wrench[j, :, None, None]) for j in frames], axis=-1
+        )
+    )
 
 
 def _bend_links_diagonally(frames: slice, block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
-    """Return the motion by diagonal compliances of links or base, six for each frame."""
+    """Return the motion per entry of diagonal compliances of links or base, six for each frame."""
     moves, wrench, _ = block.frames
     return Motion(np.concatenate(list((moves * wrench[:, :, None, None])[frames]), axis=-1))
 
@@ -114,7 +120,7 @@ def complementary_stiffness(block: RegressorBlock) -> FloatArray:
     v_k: ``K_c,jk = F · (a_min(j,k) × v_max(j,k)) + [k < j] M · (a_k × a_j)``.
 
     Returns:
-        (B, n, n) [N·m/rad].
+        K_c (B, n, n) [N·m/rad].
     """
     part = block.measurements
     axes = block.postures.angular_jacobian

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.mechanics.axes import displaced_deflection
+from jointstiff.solver.mechanics.axes import differentiate_deflection
 from jointstiff.solver.mechanics.block import (
     Motion,
     RegressorBlock,
@@ -37,18 +37,18 @@ its play; below it, in proportion. Makers state lost motion at 3 % of the rated 
 
 
 def _move_load_point(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Return the motion by an error e of the load point in the flange frame: it adds a moment e × F."""
+    """Return the motion due to an error e of the load point in the flange frame: its moment is e × F."""
     moment = -skew(block.measurements.force) @ block.postures.flange_rotation
     return move_by_torque(block, compliance, block.postures.angular_jacobian.transpose(0, 2, 1) @ moment)
 
 
 def _scale_loads(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Return the motion by a relative error of all forces and moments."""
+    """Return the motion due to a relative error of all forces and moments."""
     return move_by_torque(block, compliance, block.torque[..., None])
 
 
 def _turn_loads(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Return the motion by a turn φ of all forces and moments about the axes of R0: φ × F, φ × M."""
+    """Return the motion due to a turn φ of all forces and moments about the axes of R0: φ × F, φ × M."""
     part = block.measurements
     by_force = block.load_jacobian.transpose(0, 2, 1) @ -skew(part.force)
     by_moment = block.postures.angular_jacobian.transpose(0, 2, 1) @ -skew(part.moment)
@@ -56,18 +56,18 @@ def _turn_loads(block: RegressorBlock, compliance: FloatArray) -> Motion:
 
 
 def _add_constant_force(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Return the motion by one constant force, axes of R0, added to every load."""
+    """Return the motion due to one constant force, axes of R0, added to every load."""
     return move_by_torque(block, compliance, block.load_jacobian.transpose(0, 2, 1))
 
 
 def _add_flange_force(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Return the motion by one constant force, axes of the flange, as of a load cell's wrong zero."""
+    """Return the motion due to one constant force, axes of the flange, as of a load cell's wrong zero."""
     forces = block.load_jacobian.transpose(0, 2, 1) @ block.postures.flange_rotation
     return move_by_torque(block, compliance, forces)
 
 
 def _stated_uncertainties(names: tuple[str, ...], common: CommonUncertainty) -> tuple[float, ...]:
-    """Return the standard uncertainties that the readings state under these field names."""
+    """Return the standard uncertainties in the fields of `common` with these names."""
     return tuple(getattr(common, name) for name in names)
 
 
@@ -124,12 +124,12 @@ Groups = tuple[tuple[str, ...], ...]
 
 
 def _mark_groups(groups: Groups, part: Measurements) -> FloatArray:
-    """Return (N, g): 1 where an observation belongs to a group, else 0."""
+    """Return the membership (N, g) of N observations in g groups: 1 for a member, else 0."""
     return np.stack([np.isin(part.labels, list(group)) for group in groups], axis=1).astype(np.float64)
 
 
 def _scale_groups(groups: Groups, block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Return the motion by a relative error of the loads of each group of observations."""
+    """Return the motion due to a relative error of the loads of each group of observations."""
     torque = block.torque[..., None] * _mark_groups(groups, block.measurements)[:, None]
     return move_by_torque(block, compliance, torque)
 
@@ -140,7 +140,7 @@ def _with_scaled_groups(groups: Groups, _: Robot, part: Measurements, scale: Flo
     return replace(part, force=factor * part.force, moment=factor * part.moment)
 
 
-def load_scale(groups: Collection[Collection[str]]) -> Term:
+def build_load_scale_term(groups: Collection[Collection[str]]) -> Term:
     """Return the term of a relative load error for each group of observations, given by their labels."""
     listed = tuple(map(tuple, groups))
     return Term(
@@ -155,9 +155,9 @@ def load_scale(groups: Collection[Collection[str]]) -> Term:
 
 
 def _move_target_places(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Return the motion by errors e of the targets' places on the flange.
+    """Return the motion due to errors e of the targets' places on the flange.
 
-    When the flange turns by φ under load, such a target moves by φ × e too far.
+    When the flange turns by φ under load, a target at a place wrong by e moves by φ × e too far.
     """
     rotation = np.einsum("bij,bj->bi", block.postures.angular_jacobian, compliance * block.torque)
     moved = skew(rotation) @ block.postures.flange_rotation
@@ -168,9 +168,10 @@ def _move_target_places(block: RegressorBlock, compliance: FloatArray) -> Motion
 
 
 def _displace_axes(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Return the motion by displacements of the joints' axes, four for each joint [m, rad, m, rad].
+    """Return the motion due to displacements of the joints' axes, four for each joint [m, rad, m, rad].
 
-    They are a translation along, then a rotation about the first and the second direction across the axis.
+    The four are a translation along, then a rotation about the first and the second direction across the
+    axis.
     """
     targets, joints = [], []
     for j, axis in enumerate(block.robot.axes):
@@ -178,31 +179,31 @@ def _displace_axes(block: RegressorBlock, compliance: FloatArray) -> Motion:
         across = np.zeros((6, 4))
         across[:3, 0] = across[3:, 1] = first
         across[:3, 2] = across[3:, 3] = second
-        change, torque = displaced_deflection(block, compliance, j, across)
+        change, torque = differentiate_deflection(block, compliance, j, across)
         targets.append(change)
         joints.append(compliance[:, None] * torque)
     return Motion(np.concatenate(targets, axis=-1), np.concatenate(joints, axis=-1))
 
 
 def _take_up_play(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Return the motion by gear play: each joint turns by half of it, to the side the torque pushes to."""
+    """Return the motion due to gear play: each joint turns by half the play in the torque's direction."""
     settled = _WOUND / np.maximum(compliance, _WOUND / _SETTLED)  # (n,) torques that take up the play [N·m]
     side = np.where(block.robot.prismatic, 0.0, 0.5 * np.clip(block.torque / settled, -1.0, 1.0))
     return Motion(block.jacobian * side[:, None, None], side[..., None] * np.eye(side.shape[1]))
 
 
 def _shift_readings(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
-    """Return the motion by a shift of all readings under load, as if tracker or base moved."""
+    """Return the motion due to a shift of all readings under load, as if tracker or base moved."""
     return Motion(np.broadcast_to(np.eye(3), (*block.points.shape, 3)))
 
 
 def _shift_and_turn_readings(pivot: FloatArray, block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Return the motion by a shift of all readings under load and a turn about a pivot (3,) in R0 [m]."""
+    """Return the motion due to a shift of all readings under load and a turn about a pivot (3,) in R0 [m]."""
     turned = -skew(block.points - pivot)
     return Motion(np.concatenate([_shift_readings(block, compliance).targets, turned], axis=-1))
 
 
-def turn_about(pivot: FloatArray) -> Term:
+def build_turn_term(pivot: FloatArray) -> Term:
     """Return the term of a shift of all readings under load, and a turn about a pivot (3,) in R0 [m]."""
     return Term(
         "turn",
@@ -220,21 +221,21 @@ def _move_only_observations(
     block: RegressorBlock,
     compliance: FloatArray,
 ) -> Motion:
-    """Return the motion by a term, zero for observations without one of the labels."""
+    """Return the targets' motion due to a term, set to zero for observations with other labels."""
     moved = np.isin(block.measurements.labels, labels)
     return Motion(np.where(moved[:, None, None, None], motion(block, compliance).targets, 0.0))
 
 
-def since(term: Term, labels: Sequence[str], first: str) -> Term:
-    """Return a term that acts from observation `first` on: on that observation and all later ones.
+def limit_to_later(term: Term, labels: Sequence[str], first: str) -> Term:
+    """Return a copy of a term that acts only on the observation `first` and on all later observations.
 
     A load scale becomes two scales: one for the loads before `first`, one for the loads from `first` on.
     """
     row = labels.index(first)
-    later, label = labels[row:], first.replace("{", "{{").replace("}", "}}")  # words are a format
+    later, label = labels[row:], first.replace("{", "{{").replace("}", "}}")  # words are a format string
     words = f"{term.words} since observation '{label}'"
     own = (
-        load_scale([labels[:row], later])
+        build_load_scale_term([labels[:row], later])
         if term.name == "load_scale"
         else replace(term, motion=partial(_move_only_observations, later, term.motion))
     )
@@ -279,4 +280,4 @@ TERMS: Final[dict[str, Term]] = {
         AXES,
     )
 }
-"""Errors by name. Each has its line in the budget where the readings state its uncertainty."""
+"""Errors by name. A budget lists an error if the readings state its uncertainty."""

@@ -66,7 +66,7 @@ def read_urdf(text: str, base: str, flange: str) -> KinematicChain:
     """Read the kinematic chain from the base link to the flange link of a URDF.
 
     An axis is normalised if its norm is within `AXIS_TOLERANCE` of 1. A `continuous` joint becomes a
-    revolute joint without limits, as does one with limits of ±`model.UNLIMITED` or beyond.
+    revolute joint without limits, as does a joint with limits of ±`UNLIMITED` or beyond.
 
     Args:
         text: the document, xacro expanded.
@@ -124,8 +124,8 @@ def _format_numbers(values: Iterable[float]) -> str:
 def read_inertials(text: str, chain: KinematicChain) -> tuple[Body, ...]:
     """Read masses and centres of mass of the links on a chain from its URDF.
 
-    Links on other branches, or before the first moving joint, are left out. If an <inertial> makes no sense,
-    no bodies are returned at all.
+    Links on other branches, or before the first moving joint, are omitted. If any <inertial> is not valid,
+    the result is empty.
 
     Args:
         text: the URDF document.
@@ -163,8 +163,8 @@ class UrdfJoint:
     child: str  #: link that it carries
     kind: str  #: one of the six types
     xyz: tuple[float, ...]  #: origin of the joint's frame in the parent link's frame [m]
-    rpy: tuple[float, ...]  #: about the parent link's fixed axes [rad]
-    axis: tuple[float, ...]  #: in the joint's frame
+    rpy: tuple[float, ...]  #: roll, pitch and yaw about the parent link's fixed axes [rad]
+    axis: tuple[float, ...]  #: direction of the axis in the joint's frame
     limit: dict[str, float]  #: numbers of <limit> by name [rad, m of a prismatic joint]
     mimics: bool  #: whether the joint follows another joint
 
@@ -259,10 +259,10 @@ class UrdfJoint:
 
 
 def _check_robot(robot: XmlElement) -> None:
-    """Refuse a document that is not one named <robot>, or that has unexpanded xacro.
+    """Refuse a document whose root is not a single named <robot>, or that has unexpanded xacro.
 
     Raises:
-        RobotError: with the line of the fault.
+        RobotError: the document is refused; the error names the line.
     """
     for element in robot.walk():
         # Refuse xacro that is not expanded; the xmlns:xacro that it leaves behind is harmless
@@ -285,7 +285,7 @@ def _check_robot(robot: XmlElement) -> None:
 
 
 def _collect_named(robot: XmlElement, tag: str, most: int) -> dict[str, XmlElement]:
-    """Return all links or joints of a robot by name.
+    """Return all child elements of a robot with this tag, `link` or `joint`, by name.
 
     Raises:
         RobotError: there are more than `most`, or a name is empty, unfit or used twice.
@@ -348,7 +348,7 @@ def _find_path_down(
     if base == flange:
         raise RobotError(
             f"base and flange are the same link, '{base}'",
-            remedy="choose a flange with moving joints between the base and it",
+            remedy="choose a flange with moving joints between base and flange",
             where="flange",
         )
     path, link = [], flange
@@ -365,7 +365,7 @@ def _find_path_down(
 
 
 def _map_joints_above(links: Collection[str], joints: Iterable[UrdfJoint]) -> dict[str, UrdfJoint]:
-    """Return, for each link but the root, the joint that carries it.
+    """Return the joint that carries each link, by the name of the link; the root link has no joint.
 
     Raises:
         RobotError: links and joints are not one tree.
@@ -380,8 +380,8 @@ def _map_joints_above(links: Collection[str], joints: Iterable[UrdfJoint]) -> di
                 raise RobotError(f"there is no link '{link[:60]}'", remedy=remedy, where=where)
         if joint.child in above:
             raise RobotError(
-                f"the link has two parents, by joints '{above[joint.child].name}' and '{joint.name}'",
-                remedy="a URDF is a tree: keep one of them",
+                f"two joints have this link as child: '{above[joint.child].name}' and '{joint.name}'",
+                remedy="a URDF is a tree: keep one of the two joints",
                 where=f"link '{joint.child}'",
             )
         above[joint.child] = joint
@@ -425,8 +425,7 @@ class XmlElement:
         """Return the only child with this tag, or None.
 
         Raises:
-            RobotError: there are several children with this tag, where other programs silently use the
-                first.
+            RobotError: there are several children with this tag; other programs silently use the first.
         """
         children = self.named(tag)
         if len(children) > 1:
@@ -524,10 +523,10 @@ def read_numbers(text: str, count: int, largest: float, where: str) -> tuple[flo
     """Read exactly `count` decimal numbers separated by spaces.
 
     Args:
-        text: for instance ``"0 0.35 1e-3"``.
-        count: how many numbers there must be.
-        largest: largest magnitude that makes sense, in the unit of the numbers.
-        where: place for the message.
+        text: numbers as text, for instance ``"0 0.35 1e-3"``.
+        count: required count of numbers.
+        largest: largest allowed magnitude, in the unit of the numbers.
+        where: place in the document, for the error.
 
     Raises:
         RobotError: the count is another, a number has another notation (hexadecimal, underscores, inf, nan,

@@ -25,17 +25,22 @@ from scipy import special
 from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError
-from jointstiff.solver.estimation.assessment import unidentified
-from jointstiff.solver.estimation.conic import Cones, Weighed, solve_weighed, weighed_ends
+from jointstiff.solver.estimation.assessment import report_no_identified_joint
+from jointstiff.solver.estimation.conic import (
+    MassCones,
+    MassConeSolution,
+    bound_compliances,
+    solve_mass_cones,
+)
 from jointstiff.solver.estimation.estimate import JointCompliance
 from jointstiff.solver.estimation.fit import student_quantile
 from jointstiff.solver.estimation.solution import Certificate
-from jointstiff.solver.estimation.triangle import Triangle, triangle_of
+from jointstiff.solver.estimation.triangle import Triangle, compute_triangular_factor
 from jointstiff.solver.geometry.poses import (
     PoseReadings,
     PoseState,
     calibrate,
-    differences,
+    differentiate_numerically,
 )
 from jointstiff.solver.mechanics.block import regressor_blocks, whitened_rows
 from jointstiff.solver.mechanics.measurements import Measurements
@@ -50,11 +55,11 @@ from jointstiff.solver.own_weight.masses import (
 )
 from jointstiff.solver.own_weight.rows import (
     Burden,
-    Reduced,
+    ReducedProblem,
     WeightReadings,
     WeightRows,
-    compute_base_motion,
     compute_torques,
+    differentiate_by_base_compliance,
     linearise_readings,
     perpendicular_basis,
 )
@@ -98,20 +103,20 @@ class WeightFit:
     base: FloatArray  #: (3,) C_xx, C_yy, C_xy of the base [rad/(N·m)]; zero of a rigid one
     compliance: FloatArray  #: (n,) [rad/(N·m)]; zero where unseen
     rows: WeightRows  #: rows of the last step
-    reduced: Reduced  #: the problem of the last step
-    optimum: Weighed  #: its solution
+    reduced: ReducedProblem  #: the problem of the last step
+    optimum: MassConeSolution  #: its solution
     steps: int  #: number of steps of Gauss and Newton
 
-    def freedom(self, by_loads: int) -> int:
-        """Return the degrees of freedom of the residuals.
+    def count_degrees_of_freedom(self, load_coordinates: int) -> int:
+        """Return the degrees of freedom of the residuals: coordinates read less unknowns determined.
 
         Args:
-            by_loads: number of coordinates of deflections by known loads.
+            load_coordinates: number of coordinates of deflections under known loads.
 
         Raises:
             NotObservableError: fewer coordinates than unknowns.
         """
-        remaining, rank = self.reduced.freedom + by_loads, self.reduced.rank
+        remaining, rank = self.reduced.freedom + load_coordinates, self.reduced.rank  # after the geometry
         if remaining > rank:
             return remaining - rank
         raise NotObservableError(
@@ -121,24 +126,28 @@ class WeightFit:
             remedy="read more postures, or more targets in each posture",
         )
 
-    def noise(self, by_loads: int, least: float) -> float:
-        """Return the mean square of the residuals that nothing explains, but not less than a least value.
+    def estimate_noise(self, load_coordinates: int, least: float) -> float:
+        """Return the mean square of the residuals that no compliances and weights explain.
 
         Args:
-            by_loads: number of coordinates of deflections by known loads.
-            least: least value, in the fit's unit.
+            load_coordinates: number of coordinates of deflections under known loads.
+            least: lower limit of the returned value, in the fit's unit.
         """
-        return max(self.reduced.outside / self.freedom(by_loads), least)
+        return max(self.reduced.outside / self.count_degrees_of_freedom(load_coordinates), least)
 
-    def chance(self, noise: float, by_loads: int) -> float:
-        """Return the p-value of the loss that the bounds of the masses add (F test).
+    def compute_p_value_of_bounds(self, noise: float, load_coordinates: int) -> float:
+        """Return the p-value of the loss that is due to the bounds of the masses (F test).
 
         Args:
             noise: mean square of the residuals.
-            by_loads: number of coordinates of deflections by known loads.
+            load_coordinates: number of coordinates of deflections under known loads.
         """
         rank = self.reduced.rank
-        return float(special.fdtrc(rank, self.freedom(by_loads), self.optimum.loss / rank / noise))
+        return float(
+            special.fdtrc(
+                rank, self.count_degrees_of_freedom(load_coordinates), self.optimum.loss / rank / noise
+            )
+        )
 
 
 def fit_weight(
@@ -158,9 +167,10 @@ def fit_weight(
         readings: N observations of positions, with bodies and gravity.
         whitened: the same positions with their weights, in units of 1/sigma.
         state: geometry to start from, fitted without sag.
-        free_gravity: whether gravity's direction is estimated, too.
-        free_base: whether the tilt of the base is estimated, too.
-        loaded: deflections by known loads, fitted together; their rows are in units of their own sigma.
+        free_gravity: whether the direction of gravity is also estimated.
+        free_base: whether the tilt of the base is also estimated.
+        loaded: deflections under known loads, fitted together with the positions; their rows are in units of
+            the sigma of the deflections. None without such readings.
 
     Raises:
         NotObservableError: no joint's torque varies.
@@ -173,22 +183,22 @@ def fit_weight(
     base: FloatArray = np.zeros(3)
     weight = np.linalg.norm(whitened.weight)
     for step in range(1, MOST_STEPS + 1):
-        tilted = replace(readings, burden=replace(burden, gravity=gravity))
-        rows = linearise_readings(robot, tilted, whitened, state, sag, c)
-        triangle, by_loads = rows.stack.triangle(), Triangle(joints=robot.n)
+        with_gravity = replace(readings, burden=replace(burden, gravity=gravity))
+        rows = linearise_readings(robot, with_gravity, whitened, state, sag, c)
+        triangle, load_triangle = rows.stack.triangle(), Triangle(joints=robot.n)
         nuisance = ["geometry", *(["base"] if free_base else []), *(["gravity"] if free_gravity else [])]
         for block in [] if loaded is None else regressor_blocks(robot, loaded, c):
             read = whitened_rows(block, [JOINTS], c)
             for part in (read.targets, read.encoders):
                 if part is not None:
-                    by_loads.add(part)
-        others = by_loads.R[: by_loads.rows] / (1.0 if loaded is None else loaded.sigma or 1.0)
+                    load_triangle.add(part)
+        others = load_triangle.R[: load_triangle.rows] / (1.0 if loaded is None else loaded.sigma or 1.0)
         reduced = reduce_problem(rows, triangle, nuisance, burden, others)
-        optimum = solve_weighed(reduced.A, reduced.b, reduced.cones)
+        optimum = solve_mass_cones(reduced.A, reduced.b, reduced.cones)
         move = triangle.fit(nuisance, reduced.expand_solution(rows, optimum.x), RANK)
         after = rows.stack.widths["geometry"]
-        before, sag = sag, reduced.sag(rows.torques, optimum.x)
-        state = state.displaced(move[:after])
+        before, sag = sag, reduced.compute_sag(rows.torques, optimum.x)
+        state = state.displace(move[:after])
         if free_base:  # linear: the step fits all of the tilt, not a change
             base, move[after : after + 3] = move[after : after + 3].copy(), move[after : after + 3] - base
         if free_gravity:
@@ -201,7 +211,7 @@ def fit_weight(
         if moved <= small:
             return WeightFit(state, gravity, sag, base, c, rows, reduced, optimum, step)
     raise MeasurementError(
-        f"geometry and own weight did not settle in {MOST_STEPS} steps",
+        f"the fit of geometry and own weight did not converge in {MOST_STEPS} steps",
         where="observations",
         remedy="check masses, centres of mass, gravity's direction, and the unit and sign of the angles",
     )
@@ -209,17 +219,17 @@ def fit_weight(
 
 def reduce_problem(
     rows: WeightRows, triangle: Triangle, nuisance: Sequence[str], burden: Burden, others: FloatArray
-) -> Reduced:
-    """Reduce linearised readings to a small convex problem of compliances and weights.
+) -> ReducedProblem:
+    """Reduce linearised readings to a small convex problem whose unknowns are compliances and weights.
 
-    Columns of the geometry are projected out, and the remaining rows compressed by a QR decomposition.
+    Columns of the geometry are projected out, and a QR decomposition compresses the remaining rows.
 
     Args:
         rows: linearised readings of positions.
         triangle: triangular factor of these rows.
         nuisance: names of the terms that are projected out, such as the geometry.
         burden: bodies and springs.
-        others: (k, n + 1) rows of deflections by loads: columns of the compliances, then the reading.
+        others: (k, n + 1) rows of deflections under loads: columns of the compliances, then the reading.
 
     Raises:
         NotObservableError: no joint's torque varies.
@@ -232,13 +242,13 @@ def reduce_problem(
             where="observations",
             remedy="read postures in which the arm is stretched out and folded, wrist up and down",
         )
-    left = triangle.left_by(nuisance, RANK)
+    left = triangle.project_out(nuisance, RANK)
     products = left.span["products"].reshape(rows.torques.unit.shape[1:])
     parts, below, blocks, units, unknowns = [], [], [], [], []
     for j in seen.tolist():
         own = left.R[:, left.span["joints"][j]] * varies[j]
         unit = 1.0 / float(np.hypot(np.linalg.norm(own), np.linalg.norm(others[:, j])))
-        block, which = burden.block(varies[j] & rows.torques.unit[:, j].any(axis=0))
+        block, which = burden.build_block(varies[j] & rows.torques.unit[:, j].any(axis=0))
         parts.append(unit * np.column_stack([own, left.R[:, products[j, which]]]))
         below.append(np.pad(unit * others[:, j, None], ((0, 0), (0, len(which)))))
         blocks.append(block)
@@ -246,20 +256,21 @@ def reduce_problem(
         unknowns.append(which)
     unit_of = np.array(units)
     by_weight = np.column_stack([*parts, left.rhs])
-    R = triangle_of(np.vstack([by_weight, np.column_stack([*below, others[:, -1]])]))
+    R = compute_triangular_factor(np.vstack([by_weight, np.column_stack([*below, others[:, -1]])]))
     p = R.shape[1] - 1
     A, b = R[:p, :p], R[:p, p]
     rotation, singular, _ = np.linalg.svd(A)
     nothing = rotation[:, singular <= _NOTHING * singular[0]]  # rounding, which no x explains
-    beyond = nothing @ (nothing.T @ b)
+    beyond = nothing @ (nothing.T @ b)  # part of b outside the range of A
     scale = np.where(varies, np.abs(torque).max(axis=0), rows.across)
-    scale = np.maximum(scale, _UPRIGHT * scale.max())[seen]  # one that carries nothing may be pulled
-    return Reduced(
+    # A joint without weight torque may be pulled by a known load, so its scale must not be zero.
+    scale = np.maximum(scale, _UPRIGHT * scale.max())[seen]
+    return ReducedProblem(
         A=A,
         b=b - beyond,
         outside=float(beyond @ beyond) + (float(R[p, p] ** 2) if len(R) > p else 0.0),
         rank=p - nothing.shape[1],
-        cones=Cones(tuple(blocks), LARGEST_SAG / scale / unit_of),
+        cones=MassCones(tuple(blocks), LARGEST_SAG / scale / unit_of),
         unit=unit_of,
         seen=seen,
         unknowns=tuple(unknowns),
@@ -277,7 +288,7 @@ def extract_weight(
     these, ``cov x = (AᵀA/σ² + D⁻²)⁻¹``. It is widened for joints whose own interval is wider.
 
     Args:
-        burden: bodies that hang on in all observations.
+        burden: bodies that the joints carry in all observations.
         fit: fit of the robot and its weight.
         sigma: standard uncertainty of a residual, in the fit's unit.
         uncertainty: (n,) standard uncertainties of the compliances; zero where unknown.
@@ -291,7 +302,7 @@ def extract_weight(
         reach[place] = np.maximum(reach[place.start], x[place.start])
         reach[place.start] = cap
     stacked = np.vstack([problem.A / max(sigma, _LEAST_SIGMA), np.diag(1.0 / reach)])
-    root = np.linalg.inv(triangle_of(stacked))
+    root = np.linalg.inv(compute_triangular_factor(stacked))
     nominal, inertia_of = np.zeros((n, 4)), np.zeros((n, 4, len(burden.unknown[0])))
     for body in burden.bodies:
         nominal[body.joint] += 0.5 * (body.most + body.least) * np.array([1.0, *body.centre])
@@ -315,65 +326,78 @@ def extract_weight(
 _BASE_UNCHECKED: Final = Finding(
     code="base_unchecked",
     weight="use_with_care",
-    message="the readings do not determine how the base below the first joint tilts: it is taken as rigid, "
-    "and what it tilts is in the joints' numbers",
+    message="the readings do not determine how the base below the first joint tilts: the base is taken as "
+    "rigid, so any tilt of it counts as compliance of the joints",
     remedy="read more postures; or state `rigid_base` if nothing below the first joint gives way",
 )
 
 
 def try_further_fit(
-    fit_with_bodies: Callable[..., WeightFit], bodies: tuple[Body, ...], by_loads: int, *, free_base: bool
+    fit_with_bodies: Callable[..., WeightFit],
+    bodies: tuple[Body, ...],
+    load_coordinates: int,
+    *,
+    free_base: bool,
 ) -> WeightFit | None:
-    """Fit once more with given bodies; return None where the readings do not suffice or the fit fails.
+    """Fit once more with other bodies; return None where the readings do not suffice or the fit fails.
 
     Args:
         fit_with_bodies: function from bodies to the fit, with keyword `free_base`.
         bodies: bodies with bounds of their masses.
-        by_loads: number of coordinates of deflections by known loads.
+        load_coordinates: number of coordinates of deflections under known loads.
         free_base: whether the tilt of the base is estimated.
     """
     try:
         fit = fit_with_bodies(bodies, free_base=free_base)
-        fit.freedom(by_loads)
+        fit.count_degrees_of_freedom(load_coordinates)
     except (MeasurementError, NotObservableError):
         return None
     return fit
 
 
 def compute_tilt_p_value(
-    rigid: WeightFit, tilting: WeightFit, burden: Burden, by_loads: int, least: float
+    rigid: WeightFit, tilting: WeightFit, burden: Burden, load_coordinates: int, least: float
 ) -> float:
-    """Return the p-value of a tilting base (F test); 1 if a wrong mass explains the readings better.
+    """Return the p-value of the hypothesis that the base does not tilt (F test).
+
+    It is 1 if a wrong mass explains the readings at least as well as a tilting base does.
 
     Args:
         rigid: fit without tilt.
         tilting: fit with the tilt of the base.
         burden: bodies and springs.
-        by_loads: number of coordinates of deflections by known loads.
+        load_coordinates: number of coordinates of deflections under known loads.
         least: least mean square of the residuals, in the fit's unit.
     """
-    noise = tilting.noise(by_loads, least)
+    noise = tilting.estimate_noise(load_coordinates, least)
     gain = (
         rigid.optimum.loss + rigid.reduced.outside - tilting.optimum.loss - tilting.reduced.outside
     ) / noise
-    by_mass = find_contradicted_mass(fit_freed_masses(rigid.reduced, burden, rigid.noise(by_loads, least)))
-    more = gain > (0.0 if by_mass is None else by_mass.gain)
-    if not more or tilting.chance(noise, by_loads) <= _BEYOND_CHANCE:
+    wrong_mass = find_contradicted_mass(
+        fit_freed_masses(rigid.reduced, burden, rigid.estimate_noise(load_coordinates, least))
+    )
+    tilt_is_better = gain > (0.0 if wrong_mass is None else wrong_mass.gain)
+    if not tilt_is_better or tilting.compute_p_value_of_bounds(noise, load_coordinates) <= _BEYOND_CHANCE:
         return 1.0
-    return float(special.fdtrc(3, tilting.freedom(by_loads), gain / 3.0))
+    return float(special.fdtrc(3, tilting.count_degrees_of_freedom(load_coordinates), gain / 3.0))
 
 
 def fit_with_proved_corrections(
-    fit_with_bodies: Callable[..., WeightFit], burden: Burden, by_loads: int, least: float, *, free_base: bool
+    fit_with_bodies: Callable[..., WeightFit],
+    burden: Burden,
+    load_coordinates: int,
+    least: float,
+    *,
+    free_base: bool,
 ) -> tuple[WeightFit, tuple[Body, ...], list[Finding]]:
-    """Fit; then again with a tilting base, or a mass far from the stated one, if the readings prove them.
+    """Fit, and fit again with a tilting base or wider bounds of a mass if the readings prove the need.
 
     Where the readings do not suffice for a further fit, the previous fit is kept.
 
     Args:
         fit_with_bodies: function from bodies to the fit, with keyword `free_base`.
         burden: bodies and springs as stated.
-        by_loads: number of coordinates of deflections by known loads.
+        load_coordinates: number of coordinates of deflections under known loads.
         least: least mean square of the residuals, in the fit's unit.
         free_base: whether the base's tilt is estimated even if nothing proves it.
 
@@ -381,39 +405,42 @@ def fit_with_proved_corrections(
         The fit, the bodies with the bounds used in it, and the findings.
 
     Raises:
-        NotObservableError: fewer coordinates than unknowns of a base that does not tilt.
-        MeasurementError: no convergence with such a base.
+        NotObservableError: even with a rigid base, there are fewer coordinates than unknowns.
+        MeasurementError: the fit with a rigid base does not converge.
     """
     findings, bodies = list[Finding](), burden.bodies
-    rigid, tilting = (
-        fit_with_bodies(bodies),
-        try_further_fit(fit_with_bodies, bodies, by_loads, free_base=True),
+    rigid = fit_with_bodies(bodies)
+    tilting = try_further_fit(fit_with_bodies, bodies, load_coordinates, free_base=True)
+    p_value = (
+        1.0 if tilting is None else compute_tilt_p_value(rigid, tilting, burden, load_coordinates, least)
     )
-    p_value = 1.0 if tilting is None else compute_tilt_p_value(rigid, tilting, burden, by_loads, least)
-    proved = p_value < _BASE_LEVEL
+    base_tilts = p_value < _BASE_LEVEL
     if tilting is None and free_base:
         findings.append(_BASE_UNCHECKED)
-    free_base = tilting is not None and (free_base or proved)
+    free_base = tilting is not None and (free_base or base_tilts)
     fit = tilting if tilting is not None and free_base else rigid
-    if proved:
+    if base_tilts:
         tilts = " and ".join(f"{1e9 * each:.2g}" for each in fit.base[:2])
         findings.append(
             Finding(
                 code="base_bends",
                 weight="use_with_care",
                 message=f"the base below the first joint tilts under the weight (F test, p = {p_value:.1g}), "
-                f"by {tilts} nrad/(N·m) about x and y; the joints' stiffnesses are without it",
+                f"by {tilts} nrad/(N·m) about x and y; the joints' stiffnesses do not include this tilt",
                 remedy="tighten and stiffen the base; a target on the base plate shows directly how it tilts",
             )
         )
-    freed = fit_freed_masses(fit.reduced, burden, fit.noise(by_loads, least))
+    freed = fit_freed_masses(fit.reduced, burden, fit.estimate_noise(load_coordinates, least))
     wrong = find_contradicted_mass(freed)
     if wrong is not None:
         wider = widen_mass_bounds(bodies, wrong)
-        second = try_further_fit(fit_with_bodies, wider, by_loads, free_base=free_base)
+        second = try_further_fit(fit_with_bodies, wider, load_coordinates, free_base=free_base)
         if second is None:
-            findings.append(report_contradicted_mass(bodies[wrong.body], wrong, held=False))
-        elif second.chance(second.noise(by_loads, least), by_loads) > _BEYOND_CHANCE:
+            findings.append(report_contradicted_mass(bodies[wrong.body], wrong, covered=False))
+        elif (
+            second.compute_p_value_of_bounds(second.estimate_noise(load_coordinates, least), load_coordinates)
+            > _BEYOND_CHANCE
+        ):
             findings.append(report_contradicted_mass(bodies[wrong.body], wrong))
             return second, wider, findings
     elif (remark := report_unchecked_masses(bodies, freed)) is not None:
@@ -424,19 +451,19 @@ def fit_with_proved_corrections(
 def find_reasons_against(
     fit: WeightFit, rank: int, freedom: int, *, stated: float | None
 ) -> Iterator[Finding]:
-    """Yield findings against the result: residuals beyond the stated sigma, and contradicted masses.
+    """Yield findings that reduce the trust in a result: too large residuals, and contradicted masses.
 
-    Where the model holds, two sums follow χ²: `outside`, the residuals that nothing explains, and `loss`, by
-    which the bounds of the masses raise them.
+    If the model is right, two sums of squares follow χ²: `outside`, of the residuals that no solution
+    explains, and `loss`, which the bounds of the masses add.
 
     Args:
         fit: fit of the robot and its weight.
         rank: number of compliances and weights that the readings determine.
         freedom: degrees of freedom of the residuals.
-        stated: standard uncertainty of a coordinate as stated [m]; None if it is estimated.
+        stated: stated standard uncertainty of a coordinate [m]; None if it is estimated.
     """
     outside, loss = fit.reduced.outside, fit.optimum.loss
-    chance = special.fdtrc(rank, freedom, loss / rank / (outside / freedom))
+    p_value = special.fdtrc(rank, freedom, loss / rank / (outside / freedom))
     if stated is not None and special.chdtrc(freedom, outside) < _BEYOND_CHANCE:
         factor = float(np.sqrt(outside / freedom))
         yield Finding(
@@ -444,17 +471,17 @@ def find_reasons_against(
             weight="use_with_care",
             message=f"the residuals give sigma = {length_text(factor * stated)}, but {length_text(stated)} "
             "was stated: something bends or moves that neither geometry nor own weight explains",
-            remedy="look for gears, links that bend, a target or base that moved; the intervals use the "
-            "larger sigma",
+            remedy="look for play in gears, links that bend, or a target or base that moved; the intervals "
+            "use the larger sigma",
         )
     elif stated is not None:
-        chance = special.chdtrc(rank, loss)
-    if chance < _BEYOND_CHANCE:
+        p_value = special.chdtrc(rank, loss)
+    if p_value < _BEYOND_CHANCE:
         yield Finding(
             code="masses_contradicted",
             weight="do_not_use",
             message="no masses and centres of mass within their bounds explain the readings "
-            f"(p = {chance:.1g})",
+            f"(p = {p_value:.1g})",
             remedy="check masses, centres of mass, their frames, and what hung on the flange; or widen the "
             "bounds",
         )
@@ -463,29 +490,32 @@ def find_reasons_against(
 def compute_joint_results(
     robot: Robot, fit: WeightFit, sigma: float, rise: float
 ) -> tuple[tuple[JointCompliance, ...], FloatArray]:
-    """Compute the compliance of each joint with its interval, or the reason why there is none.
+    """Compute the compliance of each joint with its interval, or the reason why no compliance is stated.
 
     Args:
         robot: n joints.
         fit: fit of the robot and its weight.
         sigma: standard uncertainty of a residual, in the fit's unit.
-        rise: rise of the loss that chance allows at the level of the intervals.
+        rise: rise of the loss above its optimum that bounds the intervals.
 
     Returns:
-        The joints; and (n,) the share of each interval's width that exact masses would leave, NaN if none.
+        The results of the joints; and (n,) the width that each interval would have with exact masses, over
+        its width, NaN without an interval.
     """
     problem = fit.reduced
-    intervals = weighed_ends(problem.A, problem.b, fit.optimum, rise, problem.cones)
+    intervals = bound_compliances(problem.A, problem.b, fit.optimum, rise, problem.cones)
     exact = np.sqrt(rise) * np.linalg.norm(np.linalg.pinv(problem.A[:, problem.cones.first]), axis=1)
     joints, shares = [], np.full(robot.n, np.nan)
     named = zip(robot.joint_names, robot.joint_kinds, fit.rows.torques.known.T, strict=True)
     for name, kind, torque in named:
         reason = (
             f"its weight torque hardly varies over the postures ({torque.min():.3g} to {torque.max():.3g} "
-            "N·m): hang a known payload off its axis, or pull across it with a known force"
+            "N·m): hang a known payload off its axis, or apply a known force that twists it"
         )
         if np.abs(torque).max() <= _UPRIGHT * np.abs(fit.rows.torques.known).max():
-            reason = "gravity does not load it in any of the postures: pull across it with a known force"
+            reason = (
+                "gravity does not load the joint in any of the postures: apply a known force that twists it"
+            )
         joints.append(JointCompliance(name, kind, "not_observable", reason=reason))
     for k, j in enumerate(problem.seen.tolist()):
         name, unit, (low, high) = robot.joint_names[j], problem.unit[k], intervals[k]
@@ -493,15 +523,17 @@ def compute_joint_results(
         if not high < _AT_CAP * problem.cones.cap[k]:  # NaN where the program has no answer
             reason = (
                 f"own weight and readings do not determine the compliance of {name}: read more postures in "
-                "which its weight torque differs, as a plan for own weight lists them, or hang on a payload"
+                "which its weight torque differs, as a plan for own weight lists them, or attach a payload"
             )
             joints[j] = JointCompliance(name, kind, "not_observable", reason=reason)
             continue
         c = float(fit.compliance[j]) if fit.compliance[j] > _RIGID * high * unit else 0.0
         shares[j] = min(1.0, 2.0 * float(exact[k]) / (high - low))
-        wide = "the interval begins at rigid, as the estimate does"
+        explanation = "estimate and lower end of the interval are a rigid joint"
         if c > 0.0:
-            wide = f"the interval reaches from rigid to {figure(high * unit / c, '.2g')} times the estimate"
+            explanation = (
+                f"the interval reaches from rigid to {figure(high * unit / c, '.2g')} times the estimate"
+            )
         joints[j] = JointCompliance(
             name,
             kind,
@@ -509,7 +541,7 @@ def compute_joint_results(
             c,
             float(0.5 * (high - low) * unit * sigma / np.sqrt(rise)),
             (float(low * unit), float(high * unit)),
-            reason=None if low > 0.0 else f"{wide}: add postures, better masses or a known payload",
+            reason=None if low > 0.0 else f"{explanation}: add postures, better masses or a known payload",
         )
     return tuple(joints), shares
 
@@ -558,10 +590,10 @@ def identify_weight(
         confidence: level of the intervals.
         free_gravity: whether gravity's direction is estimated; else it is as stated.
         free_base: whether the base's tilt is always estimated; else only where the readings prove it.
-        loaded: deflections by known loads (loaded − unloaded), which are fitted together.
+        loaded: deflections under known loads (loaded − unloaded), fitted together with the positions.
 
     Raises:
-        MeasurementError: no convergence, or positions and deflections join without their sigmas.
+        MeasurementError: no convergence, or positions and deflections are combined without stated sigmas.
         NotObservableError: fewer coordinates than unknowns, or no weight torque varies.
         SolverError: a convex program is not certified.
     """
@@ -574,15 +606,15 @@ def identify_weight(
         )
     whitened, unit = poses.whitened, poses.sigma or 1.0
     rigid = calibrate(robot.chain, poses, start=pin.SE3.Identity(), hold_out=False)
-    by_loads = 0
+    load_coordinates = 0
     if loaded is not None:
         encoders = 0 if loaded.encoders is None else int(loaded.encoders.present.sum())
-        by_loads = int(loaded.coordinates.sum()) + encoders
+        load_coordinates = int(loaded.coordinates.sum()) + encoders
 
     stated = readings
 
     def fit_with_bodies(bodies: tuple[Body, ...], *, free_base: bool = False) -> WeightFit:
-        """Fit the readings with other bounds of the masses."""
+        """Fit the readings with given bodies, whose bounds of the masses may differ from those stated."""
         return fit_weight(
             robot,
             replace(stated, burden=replace(stated.burden, bodies=bodies)),
@@ -595,11 +627,11 @@ def identify_weight(
 
     least = 1.0 if poses.sigma is not None else _LEAST_NOISE**2
     fit, bodies, found = fit_with_proved_corrections(
-        fit_with_bodies, readings.burden, by_loads, least, free_base=free_base
+        fit_with_bodies, readings.burden, load_coordinates, least, free_base=free_base
     )
     readings = replace(readings, burden=replace(readings.burden, bodies=bodies))
     problem, loss = fit.reduced, fit.optimum.loss
-    rank, freedom = problem.rank, fit.freedom(by_loads)
+    rank, freedom = problem.rank, fit.count_degrees_of_freedom(load_coordinates)
     factor = float(np.sqrt(problem.outside / freedom))  # rms of the residuals in units of the stated sigma
     against = (
         *(each for each in found if each.weight != "use"),
@@ -610,14 +642,14 @@ def identify_weight(
     radius = student_quantile(0.5 + 0.5 * confidence, freedom if noisy else None)
     joints, shares = compute_joint_results(robot, fit, scale, (scale * radius) ** 2)
     statuses = [joint.status for joint in joints]
-    missing = unidentified(statuses, "read more postures, better masses or a known payload")
+    missing = report_no_identified_joint(statuses, "read more postures, better masses or a known payload")
     uncertainty = np.array([joint.standard_uncertainty or 0.0 for joint in joints])
     sagging = replace(whitened, angles=whitened.angles + fit.sag)
     bent = fit.state.motion(sagging).points
-    bent = bent + compute_base_motion(fit.rows.torques, bent) @ fit.base
+    bent = bent + differentiate_by_base_compliance(fit.rows.torques, bent) @ fit.base
 
-    def torque(turn: FloatArray) -> FloatArray:
-        """Return the torques times compliances (N, n) with all angles turned [rad], for derivatives."""
+    def compute_sag_at(turn: FloatArray) -> FloatArray:
+        """Return the torques times compliances (N, n) [rad] after turning all angles by `turn` [rad]."""
         motion = fit.state.motion(replace(sagging, angles=sagging.angles + turn))
         return fit.compliance * compute_torques(robot, readings, motion).known
 
@@ -638,5 +670,5 @@ def identify_weight(
         residual=np.where(poses.present[..., None], whitened.points - bent, 0.0),
         certificate=fit.optimum.certificate,
         weight=extract_weight(readings.burden, fit, scale, uncertainty),
-        largest_stiffness_ratio=float(np.abs(differences(torque, robot.n)).max()),
+        largest_stiffness_ratio=float(np.abs(differentiate_numerically(compute_sag_at, robot.n)).max()),
     )

@@ -21,7 +21,7 @@ import numpy as np
 from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.mechanics.robot import Body
-from jointstiff.solver.own_weight.rows import Burden, Reduced
+from jointstiff.solver.own_weight.rows import Burden, ReducedProblem
 
 CONTRADICTED: Final = 9.0
 """Fall of χ² with one mass free that contradicts it: 2 % of 200 campaigns with right masses have one."""
@@ -44,7 +44,7 @@ class FreedMass:
     doubled: FloatArray  #: (n_seen,) relative change of the compliances if the mass is twice that stated
 
 
-def fit_freed_masses(problem: Reduced, burden: Burden, noise: float) -> list[FreedMass]:
+def fit_freed_masses(problem: ReducedProblem, burden: Burden, noise: float) -> list[FreedMass]:
     """Fit the readings with each uncertain mass freed from its bounds in turn.
 
     Args:
@@ -53,10 +53,11 @@ def fit_freed_masses(problem: Reduced, burden: Burden, noise: float) -> list[Fre
         noise: mean square of the residuals, in units of sigma².
 
     Returns:
-        One fit for each uncertain mass whose weight loads a joint.
+        One fit for each uncertain mass that changes the torque of a joint.
     """
     from scipy.optimize import least_squares
 
+    # The unknowns are y = (c, ζ): n compliances, then the deviations of the masses.
     blocks = [(place, len(problem.unit) + np.array(own, dtype=np.intp)) for *_, place, own in problem.blocks]
     n, size = len(blocks), problem.A.shape[1]
     count = max((k + 1 for own in problem.unknowns for k in own), default=0)
@@ -71,26 +72,31 @@ def fit_freed_masses(problem: Reduced, burden: Burden, noise: float) -> list[Fre
     scale = np.sqrt(noise)
 
     def fit_masses(start: FloatArray, free: int | None) -> tuple[FloatArray, float, FloatArray]:
-        """Fit y = (c, ζ) with mass `free` unbounded; return y, the loss and the Jacobian."""
+        """Fit y = (c, ζ); return y, the loss and the Jacobian of the residuals.
+
+        Args:
+            start: y at which the search starts.
+            free: index of the deviation ζ whose bounds are dropped; None drops none.
+        """
         prior = np.sqrt(3.0) * np.eye(n + count)[n:] * np.where(np.arange(count) == free, _FREE, 1.0)[:, None]
 
-        def residual(y: FloatArray) -> FloatArray:
-            """Return the residuals of readings and prior at y = (c, ζ)."""
+        def compute_residuals(y: FloatArray) -> FloatArray:
+            """Return the residuals of the readings, then of the prior, at y = (c, ζ)."""
             x = np.zeros(size)
             for i, (place, own) in enumerate(blocks):
                 x[place] = y[i] * np.array([1.0, *y[own]])
             return np.concatenate([(problem.A @ x - problem.b) / scale, prior @ y])
 
-        def slopes(y: FloatArray) -> FloatArray:
-            """Return the Jacobian of the residuals at y = (c, ζ)."""
-            by_unknown = np.zeros((size, n + count))
+        def compute_jacobian(y: FloatArray) -> FloatArray:
+            """Return the Jacobian of the residuals with respect to y at y = (c, ζ)."""
+            x_slopes = np.zeros((size, n + count))
             for i, (place, own) in enumerate(blocks):
-                part = by_unknown[place]
+                part = x_slopes[place]
                 part[:, i] = 1.0, *y[own]
                 part[1 + np.arange(len(own)), own] = y[i]
-            return np.concatenate([problem.A @ by_unknown / scale, prior])
+            return np.concatenate([problem.A @ x_slopes / scale, prior])
 
-        found = least_squares(residual, start, slopes, bounds=bounds, x_scale="jac")
+        found = least_squares(compute_residuals, start, compute_jacobian, bounds=bounds, x_scale="jac")
         return found.x, 2.0 * float(found.cost), np.asarray(found.jac)
 
     by_joints = problem.A[:, problem.cones.first]
@@ -120,35 +126,38 @@ def find_contradicted_mass(freed: Sequence[FreedMass]) -> FreedMass | None:
 
 
 def widen_mass_bounds(bodies: Sequence[Body], wrong: FreedMass) -> tuple[Body, ...]:
-    """Return the bodies with the wrong mass's bounds widened to two uncertainties about its fitted value."""
+    """Return the bodies; the bounds of the wrong mass are widened to its fitted value ± two uncertainties."""
     low, high = wrong.mass - 2.0 * wrong.uncertainty, wrong.mass + 2.0 * wrong.uncertainty
     body = bodies[wrong.body]
     wide = replace(body, least=max(0.0, min(body.least, low)), most=max(body.most, high))
     return (*bodies[: wrong.body], wide, *bodies[wrong.body + 1 :])
 
 
-def report_contradicted_mass(body: Body, wrong: FreedMass, *, held: bool = True) -> Finding:
+def report_contradicted_mass(body: Body, wrong: FreedMass, *, covered: bool = True) -> Finding:
     """Build the finding about a mass that the readings contradict.
 
     Args:
         body: body with the stated mass.
         wrong: fit of the mass without bounds.
-        held: whether the intervals cover both the stated and the fitted mass.
+        covered: whether the intervals of the result cover both the stated and the fitted mass.
     """
-    which = "The intervals cover both masses" if held else "No fit that allows both masses converged"
+    coverage = "The intervals cover both masses" if covered else "No fit that allows both masses converged"
     return Finding(
         code="masses_contradicted",
-        weight="use_with_care" if held else "do_not_use",
+        weight="use_with_care" if covered else "do_not_use",
         message=f"the readings contradict the mass of {body.name}: they suggest {wrong.mass:.3g} kg "
         f"± {wrong.uncertainty:.2g} kg instead of {body.mass:.3g} kg, and χ² falls by {wrong.gain:.3g}. "
-        f"{which}",
+        f"{coverage}",
         remedy=f"check the mass of {body.name}, its neighbours' and what hung on the flange; a known payload "
         "in some of the postures tells stiffness and masses apart",
     )
 
 
 def report_unchecked_masses(bodies: Sequence[Body], freed: Sequence[FreedMass]) -> Finding | None:
-    """Build the finding about masses that affect a stiffness and that the readings do not check, or None."""
+    """Build the finding about masses that affect a stiffness but are not checked by the readings.
+
+    None is returned if there are no such masses.
+    """
     names, change = [], 0.0
     for each in freed:
         effect = float(np.abs(each.doubled).max(initial=0.0))
@@ -162,5 +171,5 @@ def report_unchecked_masses(bodies: Sequence[Body], freed: Sequence[FreedMass]) 
         weight="use",
         message=f"the readings do not check the mass of {', '.join(names)}: twice the stated mass might not "
         f"be noticed, and would change a compliance by up to {100 * change:.2g} %",
-        remedy="be sure of these masses, or hang a known payload in half of the postures",
+        remedy="check these masses, or hang a known payload in half of the postures",
     )

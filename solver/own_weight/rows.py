@@ -24,16 +24,16 @@ import pinocchio as pin
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.estimation.cones import Block
-from jointstiff.solver.estimation.conic import Cones
+from jointstiff.solver.estimation.conic import MassCones
 from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.geometry.poses import (
     Motion,
     PoseReadings,
     Poses,
     PoseState,
-    arm_of,
+    build_arm,
     chain_axes,
-    transformed,
+    transform_points,
 )
 from jointstiff.solver.mechanics.block import STANDARD_GRAVITY
 from jointstiff.solver.mechanics.measurements import check_array
@@ -83,11 +83,11 @@ class Burden:
 
     @cached_property
     def unknown(self) -> tuple[list[tuple[int, FloatArray]], list[tuple[int, int, float]]]:
-        """Unknowns of the bodies, in the order of `Torques`, and uncertain centres of mass.
+        """List of the unknown masses and moments, in the order of `Torques`, and list of uncertain centres.
 
-        Each unknown is the index of a body, and the inertia (4,) [kg, kg·m] of its greatest deviation. Each
-        centre is the index of the first of its three moments among the unknowns, the index of the mass of the
-        same body or −1 if the mass is exact, and the relative growth of the moments' bound with the mass.
+        An unknown is a body's index and the inertia (4,) [kg, kg·m] of its greatest deviation. A centre is
+        the index of the first of its three moments among the unknowns, the index of the body's mass (−1 if
+        the mass is exact), and the relative growth of the moments' bound with the mass.
         """
         unknown: list[tuple[int, FloatArray]] = []
         balls = []
@@ -101,11 +101,14 @@ class Burden:
                 unknown += [(number, body.radius * mean * axis) for axis in np.eye(4)[1:]]
         return unknown, balls
 
-    def block(self, acts: BoolArray) -> tuple[Block, list[int]]:
-        """Return the cone of the unknowns that act on one joint, and their indices among all K unknowns.
+    def build_block(self, acts: BoolArray) -> tuple[Block, list[int]]:
+        """Build the cone of the unknowns that act on one joint.
 
         Args:
-            acts: (K,) whether an unknown changes the torque of the joint.
+            acts: (K,) mask of the unknowns that change the torque of the joint.
+
+        Returns:
+            The cone, and the indices of its unknowns among all K: masses and springs, then moments.
         """
         balls = [
             (first, own, ratio) for first, own, ratio in self.unknown[1] if acts[first : first + 3].any()
@@ -140,7 +143,7 @@ class WeightReadings:
         joints += [balancer.joint for balancer in self.burden.balancers]
         if not joints or not 0 <= min(joints) <= max(joints) < self.poses.joint_map.n:
             raise MeasurementError(
-                f"no body is stated, or one is on none of the {self.poses.joint_map.n} joints",
+                f"the robot has no bodies, or a body is on none of its {self.poses.joint_map.n} joints",
                 where="masses",
                 remedy="state mass and centre of mass of each link, by the joint that carries it",
             )
@@ -171,7 +174,7 @@ class WeightRows:
 
     @property
     def varies(self) -> BoolArray:
-        """(n,) whether the torque of a joint varies over the postures."""
+        """(n,) mask of the joints whose torque varies over the postures."""
         return np.asarray(np.ptp(self.torques.known, axis=0) > _CONSTANT * self.across)
 
 
@@ -191,11 +194,11 @@ def linearise_readings(
         whitened: the same positions with their weights.
         state: geometry to linearise about.
         sag: (N, n) θ [rad].
-        compliance: (n,) by which the direction of gravity affects the sag [rad/(N·m)].
+        compliance: (n,) compliances [rad/(N·m)], for the effect of the direction of gravity on the sag.
     """
     motion = state.motion(replace(whitened, angles=whitened.angles + sag))
     torques = compute_torques(robot, readings, motion)
-    swings = motion.swings()
+    swings = motion.differentiate_by_angles()
     gap = whitened.points - motion.points + np.einsum("ktin,kn->kti", swings, sag)
     weighted = (whitened.weight @ swings).reshape(*swings.shape[:1], -1, swings.shape[-1])
     geometry = whitened.weight @ motion.jacobian()
@@ -206,7 +209,9 @@ def linearise_readings(
     )
     terms = {
         "geometry": geometry.reshape(count, weighted.shape[1], -1),
-        "base": (whitened.weight @ compute_base_motion(torques, motion.points)).reshape(count, -1, 3),
+        "base": (whitened.weight @ differentiate_by_base_compliance(torques, motion.points)).reshape(
+            count, -1, 3
+        ),
         "gravity": tilted,
         "joints": weighted * torques.known[:, None],
         "products": (weighted[..., None] * torques.unit[:, None]).reshape(*weighted.shape[:2], -1),
@@ -224,13 +229,14 @@ def linearise_readings(
     )
 
 
-def compute_base_motion(torques: Torques, places: FloatArray) -> FloatArray:
-    """Return the derivatives (B, T, 3, 3) of places (B, T, 3) by C_xx, C_yy, C_xy of a tilting base.
+def differentiate_by_base_compliance(torques: Torques, places: FloatArray) -> FloatArray:
+    """Return the derivatives (B, T, 3, 3) of places (B, T, 3) with respect to the base's C_xx, C_yy, C_xy.
 
-    The base turns about R0's origin by ``φ = C M``, M the moment of weights and loads there about x and y.
+    The last axis of the result is the compliance. The base turns about R0's origin by ``φ = C M``; M is the
+    moment of weights and loads about the axes x and y.
     """
-    (x, y), none = torques.on_base[:, :2].T, np.zeros(len(places))
-    turns = np.array([[x, none, none], [none, y, none], [y, x, none]])  # (unknowns, 3, B)
+    (x, y), zero = torques.on_base[:, :2].T, np.zeros(len(places))
+    turns = np.array([[x, zero, zero], [zero, y, zero], [y, x, zero]])  # (unknowns, 3, B)
     return np.stack([np.cross(turn.T[:, None], places) for turn in turns], axis=-1)
 
 
@@ -240,9 +246,9 @@ def perpendicular_basis(vector: FloatArray) -> FloatArray:
 
 
 def compute_torques(robot: Robot, readings: WeightReadings, motion: Motion) -> Torques:
-    """Compute the torques of loads, bodies and balancers in the postures of a motion.
+    """Compute the joint torques of loads, bodies and balancers in the B postures of a motion.
 
-    Joint frames and the flange frame are those of the nominal robot, moved onto the fitted axes.
+    Joint frames and the flange frame are those of the nominal robot, shifted onto the fitted axes.
     """
     burden, axes = readings.burden, motion.axes
     still = Postures(robot, np.zeros((1, robot.n)))
@@ -250,7 +256,7 @@ def compute_torques(robot: Robot, readings: WeightReadings, motion: Motion) -> T
     origins = [axis.nearest(origin) for axis, origin in zip(axes, nominal, strict=True)]
     places = [pin.SE3(R, origin) for R, origin in zip(frames, origins, strict=True)]
     to_flange = still.flange_translation[0] - nominal[-1]
-    arm = arm_of(axes, places, pin.SE3(still.flange_rotation[0], origins[-1] + to_flange))
+    arm = build_arm(axes, places, pin.SE3(still.flange_rotation[0], origins[-1] + to_flange))
     at = Postures(arm, motion.angles)
     rotation, origin = at.joint_frames
     levers = at.weight_levers  # (B, n, n, 4, 3)
@@ -282,23 +288,29 @@ def compute_torques(robot: Robot, readings: WeightReadings, motion: Motion) -> T
     known += at.load(readings.load_point, readings.force, readings.moment)[1]
     loaded = at.to_base(readings.load_point[:, None])[:, 0]
     on_base += np.cross(loaded, readings.force)
-    each = np.stack(unit, axis=-1) if unit else np.zeros((*known.shape, 0))
-    return Torques(known, each, by_gravity, on_base)
+    of_unknowns = np.stack(unit, axis=-1) if unit else np.zeros((*known.shape, 0))
+    return Torques(known, of_unknowns, by_gravity, on_base)
 
 
-def planned_rows(
+def make_planned_rows_function(
     robot: Robot, burden: Burden, targets: FloatArray, compliance: FloatArray, *, free_base: bool = False
 ) -> Callable[[FloatArray], FloatArray]:
-    """Return a function that maps postures (N, n) to rows (N, 3 T, P) of readings of targets (T, 3) [m].
+    """Return a function that maps postures (N, n) to rows (N, 3 T, P) of readings of unloaded targets.
 
-    The columns are those of the joints' compliances, of the geometry, of a tilting base and of the masses.
-    All but the first are in units of their prior uncertainty (method.md §10, §14). Errors of masses affect
-    the readings in proportion to nominal compliances (n,) [rad/(N·m)].
+    The columns are those of the joints' compliances, the geometry, a tilting base and the masses. All but the
+    columns of the joints are in units of the unknown's prior uncertainty (method.md §10, §14).
+
+    Args:
+        robot: n joints.
+        burden: bodies and springs.
+        targets: (T, 3) places of the targets in the flange frame [m].
+        compliance: (n,) nominal compliances, for the effect of errors of masses [rad/(N·m)].
+        free_base: whether the rows have columns of a tilting base.
     """
     axes, flange = chain_axes(robot.chain)
     names = tuple(map(str, range(len(targets))))
 
-    def rows(joints: FloatArray) -> FloatArray:
+    def compute_rows(joints: FloatArray) -> FloatArray:
         """Return the rows (N, 3 T, P) of unloaded readings in postures (N, n)."""
         angles = robot.joint_map.model_angles(joints)
         count, shape = len(joints), (len(joints), *targets.shape)
@@ -306,7 +318,7 @@ def planned_rows(
         poses = Poses(joints, places, np.ones(shape[:2], dtype=np.bool_), names, robot.joint_map)
         nothing, carried = np.zeros((count, 3)), np.ones((count, len(burden.bodies)))
         readings = WeightReadings(poses, burden, carried, nothing, nothing, nothing)
-        state = PoseState(axes, transformed(flange, targets), np.zeros(count))
+        state = PoseState(axes, transform_points(flange, targets), np.zeros(count))
         found = linearise_readings(robot, readings, poses.whitened, state, np.zeros(angles.shape), compliance)
         stack = found.stack.in_units({"geometry": _GEOMETRY, "base": _BASE})
         part = {name: stack.rows[..., columns] for name, columns in stack.span.items()}
@@ -315,18 +327,18 @@ def planned_rows(
         base = part["base"][..., : 3 * free_base]
         return np.concatenate([part["joints"], part["geometry"], base, masses], axis=-1)
 
-    return rows
+    return compute_rows
 
 
 @dataclass(frozen=True, eq=False)
-class Reduced:
+class ReducedProblem:
     """The convex problem of one step: ``‖A x − b‖² + outside``, x in the cones."""
 
     A: FloatArray  #: (p, p) compressed, columns in the blocks' units
     b: FloatArray  #: (p,)
     outside: float  #: squares of the residuals that no x explains
     rank: int  #: number of compliances and weights that the readings determine
-    cones: Cones  #: blocks of the joints seen
+    cones: MassCones  #: blocks of the joints seen
     unit: FloatArray  #: (n_seen,) unit of the blocks' c [rad/(N·m)]
     seen: IndexArray  #: (n_seen,) joints whose torque varies
     unknowns: tuple[list[int], ...]  #: for each of them, which of all unknowns its block has
@@ -334,16 +346,16 @@ class Reduced:
 
     @property
     def blocks(self) -> Iterator[tuple[int, float, slice, list[int]]]:
-        """Joint, unit of its compliance [rad/(N·m)], place in x, and unknowns of each block."""
+        """Joint, unit of its compliance [rad/(N·m)], slice in x, and indices of unknowns, for each block."""
         for j, unit, start, own in zip(
             self.seen.tolist(), self.unit.tolist(), self.cones.first.tolist(), self.unknowns, strict=True
         ):
             yield j, unit, slice(start, start + 1 + len(own)), own
 
     def expand_solution(self, rows: WeightRows, x: FloatArray) -> FloatArray:
-        """Return the unknowns (K,) of all terms of the rows, in SI units, from the solution x of the problem.
+        """Return the unknowns (K,) of all terms of the rows, in SI units, for a solution x of this problem.
 
-        Unknowns that are not in the problem are zero.
+        Unknowns that are not in the reduced problem are zero.
         """
         unknowns = np.zeros(sum(rows.stack.widths.values()))
         products = rows.stack.span["products"].reshape(rows.torques.unit.shape[1:])
@@ -352,10 +364,10 @@ class Reduced:
             unknowns[products[j, own]] = unit * x[place][1:]
         return unknowns
 
-    def sag(self, torques: Torques, x: FloatArray) -> FloatArray:
-        """Return the sag (N, n) [rad] that a solution x gives with the torques of N postures."""
+    def compute_sag(self, torques: Torques, x: FloatArray) -> FloatArray:
+        """Return the sag (N, n) [rad] of the joints in N postures, for a solution x of the problem."""
         sag = np.zeros(torques.known.shape)
         for j, unit, place, own in self.blocks:
-            by_unknowns = torques.unit[:, j][:, own] @ x[place][1:]
-            sag[:, j] = unit * (torques.known[:, j] * x[place.start] + by_unknowns)
+            from_unknowns = torques.unit[:, j][:, own] @ x[place][1:]
+            sag[:, j] = unit * (torques.known[:, j] * x[place.start] + from_unknowns)
         return sag

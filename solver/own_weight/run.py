@@ -15,33 +15,40 @@ from jointstiff.schemas.options import OwnWeight, RunOptions
 from jointstiff.schemas.run import Identifiability, RunResult, WeightResult, WeightShare
 from jointstiff.solver.arrays import IndexArray
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation.assessment import assessed, implausible_joints, refuted_noise
+from jointstiff.solver.estimation.assessment import (
+    derive_assessment,
+    report_implausible_joints,
+    report_refuted_noise,
+)
 from jointstiff.solver.estimation.fit import Likelihood, sigma_test
 from jointstiff.solver.estimation.problem import Bounds, Constraints
 from jointstiff.solver.estimation.solution import greatest_violations
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.messages import point, rows
+from jointstiff.solver.messages import build_messages, point
 from jointstiff.solver.predict.answers import build_stored_model
 from jointstiff.solver.predict.models import JointModel
-from jointstiff.solver.result import build_joint_results, stated_assessment
+from jointstiff.solver.result import build_assessment_message, build_joint_results
 
 if TYPE_CHECKING:
     from jointstiff.solver.own_weight.identification import WeightEstimate
     from jointstiff.solver.own_weight.rows import WeightReadings
 
 _NO_MODEL_ERROR: Final = RequestError(
-    "stiffnesses are from the robot's own weight: no posture under load was left out", remedy="measure a load"
+    "the stiffnesses come from the robot's own weight, not from postures under load",
+    remedy="measure deflections under a load",
 )
 
 AnyOptions = TypeVar("AnyOptions", bound=RunOptions)
 
 
-def with_only_load(robot: Robot, measurements: Measurements, options: AnyOptions) -> AnyOptions:
-    """Return options that identify by own weight, if the readings have no other load.
+def choose_own_weight_if_unloaded(
+    robot: Robot, measurements: Measurements, options: AnyOptions
+) -> AnyOptions:
+    """Return the options, set to identification from own weight if the readings have no other load.
 
-    Options are returned unchanged if the readings have a load, the robot has no masses, or the options
-    exclude identification by own weight.
+    The options are returned unchanged if the readings have a load, the robot has no masses, or the options
+    exclude identification from own weight.
     """
     if not (measurements.is_unloaded and robot.bodies):
         return options
@@ -55,7 +62,7 @@ def with_only_load(robot: Robot, measurements: Measurements, options: AnyOptions
 def run_by_weight(
     robot: Robot, m: Measurements, options: RunOptions, noticed: Sequence[Finding] = ()
 ) -> RunResult:
-    """Identify joint stiffnesses from positions under the robot's own weight, and its masses.
+    """Identify joint stiffnesses from positions that sag under the robot's own weight.
 
     Args:
         robot: n joints, with bodies.
@@ -64,45 +71,48 @@ def run_by_weight(
         noticed: findings of the integrity checks of these measurements.
 
     Raises:
-        RequestError: the robot has no bodies, or the set no positions.
+        RequestError: the robot has no bodies, or the set has no positions.
         JointstiffError: as `identify_weight` does.
     """
     from jointstiff.solver.own_weight.identification import identify_weight
 
     weight = options.weight or OwnWeight()
     readings, observation = _collect_positions(robot, m, weight)
-    by_loads = m.present & m.in_flange
-    loaded = replace(m, present=by_loads, deflection=np.where(by_loads[..., None], m.deflection, 0.0))
+    # Deflections of targets in the flange frame have no absolute position; they are fitted as deflections.
+    deflections = m.present & m.in_flange
+    loaded = replace(m, present=deflections, deflection=np.where(deflections[..., None], m.deflection, 0.0))
     estimate = identify_weight(
         robot,
         readings,
         confidence=options.confidence,
         free_gravity=weight.estimate_gravity,
         free_base=not weight.rigid_base,
-        loaded=loaded if by_loads.any() else None,
+        loaded=loaded if deflections.any() else None,
     )
     joints = estimate.joints
-    implausible = implausible_joints(joints)
-    findings = [*estimate.reasons, *estimate.remarks, *implausible, *refuted_noise(m, estimate.sigma)]
-    assessment = assessed(joints, findings)
+    implausible = report_implausible_joints(joints)
+    findings = [*estimate.reasons, *estimate.remarks, *implausible, *report_refuted_noise(m, estimate.sigma)]
+    assessment = derive_assessment(joints, findings)
     row, target = np.nonzero(readings.poses.present)
     displacement, residual = estimate.displacement[row, target], estimate.residual[row, target]
-    left, moved = (np.linalg.norm(part, axis=1) for part in (residual, displacement + residual))
-    given = readings.poses.sigma is not None
+    residual_length, moved_length = (
+        np.linalg.norm(part, axis=1) for part in (residual, displacement + residual)
+    )
+    sigma_is_stated = readings.poses.sigma is not None
     model = None
     if any(joint.compliance is not None for joint in joints):
         model = build_stored_model(_build_model(robot, estimate), _NO_MODEL_ERROR)
-    test = sigma_test(estimate.chi_square, estimate.degrees_of_freedom) if given else None
+    test = sigma_test(estimate.chi_square, estimate.degrees_of_freedom) if sigma_is_stated else None
     return RunResult(
-        assessment=stated_assessment(assessment, joints),
+        assessment=build_assessment_message(assessment, joints),
         joints=list(build_joint_results(assessment, joints)),
-        compensation=float(1.0 - left.mean() / moved.mean()),
-        rms_residual=float(np.sqrt(np.square(left).mean())),
+        compensation=float(1.0 - residual_length.mean() / moved_length.mean()),
+        rms_residual=float(np.sqrt(np.square(residual_length).mean())),
         sigma=estimate.sigma,
         goodness=runs.Goodness(
             chi_square=estimate.chi_square,
             degrees_of_freedom=estimate.degrees_of_freedom,
-            sigma_source="given" if given else "residuals",
+            sigma_source="given" if sigma_is_stated else "residuals",
             p_value=None if test is None else test.p_value,
             test=None if test is None else test.result,
         ),
@@ -121,7 +131,7 @@ def run_by_weight(
             largest_ratio=estimate.largest_stiffness_ratio,
             largest_shift=None,
         ),
-        residuals=rows(
+        residuals=build_messages(
             runs.Residual,
             observation=np.array(m.labels)[observation[row]],
             target=np.array(m.targets)[target],
@@ -136,10 +146,10 @@ def run_by_weight(
 
 
 def _collect_positions(robot: Robot, m: Measurements, weight: OwnWeight) -> tuple[WeightReadings, IndexArray]:
-    """Collect all absolute positions, unloaded ones first, then those under a load.
+    """Collect all absolute positions: first those without a load, then those under a load.
 
     Returns:
-        The readings; and (rows,) the index of the observation of each row.
+        The readings; and (rows,) the index of the observation from which each row of the readings comes.
 
     Raises:
         RequestError: the robot has no masses, or the set has no positions.
@@ -198,7 +208,7 @@ def _collect_positions(robot: Robot, m: Measurements, weight: OwnWeight) -> tupl
 
 
 def _build_model(robot: Robot, estimate: WeightEstimate) -> JointModel:
-    """Build the joint model that predicts deflections under loads.
+    """Build the joint model that predicts deflections under loads from an estimate by own weight.
 
     Errors of masses correlate the joints to an unknown degree. By Cauchy and Schwarz
     ``(Σ |A_j| u_j)² ≤ n Σ A_j² u_j²``, so n times the variances, uncorrelated, cover any correlation.
@@ -206,7 +216,7 @@ def _build_model(robot: Robot, estimate: WeightEstimate) -> JointModel:
     seen = np.array(
         [j for j, joint in enumerate(estimate.joints) if joint.compliance is not None], dtype=np.intp
     )
-    compliance = estimate.fit.compliance  # of all joints, as those without a number sag, too
+    compliance = estimate.fit.compliance  # joints without a published compliance sag, too
     variance = np.array([(joint.standard_uncertainty or 0.0) ** 2 for joint in estimate.joints])[seen]
     likelihood = Likelihood(seen, compliance[seen], len(seen) * np.diag(variance))
     return JointModel(
@@ -220,9 +230,9 @@ def _build_model(robot: Robot, estimate: WeightEstimate) -> JointModel:
 
 
 def _build_weight_result(estimate: WeightEstimate) -> WeightResult:
-    """Return as a message the torque, the sag and the causes of uncertainty of each joint."""
+    """Build the message of own weight: torque, sag and causes of uncertainty of each joint, and gravity."""
     torque, sag = estimate.fit.rows.torques.known, np.abs(estimate.fit.sag).max(axis=0)
-    shares = rows(
+    shares = build_messages(
         WeightShare,
         joint=[joint.name for joint in estimate.joints],
         torque=np.column_stack([torque.min(axis=0), torque.max(axis=0)]),

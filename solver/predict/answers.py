@@ -26,9 +26,9 @@ from jointstiff.solver.estimation.problem import Bounds, Constraints
 from jointstiff.solver.links.model import ElasticColumns
 from jointstiff.solver.mechanics.block import OwnWeight
 from jointstiff.solver.mechanics.cases import LoadCases
-from jointstiff.solver.mechanics.inverse import InverseKinematics, apart, in_ranges
+from jointstiff.solver.mechanics.inverse import InverseKinematics, compute_angle_gaps, fit_to_ranges
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.messages import point, rows
+from jointstiff.solver.messages import build_messages, point
 from jointstiff.solver.predict.forward import Deflection, ForwardModel, unit_vectors
 from jointstiff.solver.predict.models import (
     EXTRAPOLATED,
@@ -80,11 +80,11 @@ class MapTask:
         )
 
 
-def tool_rotations(tool_axis: FloatArray, directions: FloatArray, turns: int) -> FloatArray:
-    """Return the orientations of the flange that point a tool along directions, turned about the tool axis.
+def compute_tool_rotations(tool_axis: FloatArray, directions: FloatArray, turns: int) -> FloatArray:
+    """Compute the orientations of the flange that point a tool along directions, turned about the tool axis.
 
-    At angle zero the flange's x axis, projected across the tool, points along x of R0, projected across the
-    direction. Where x is parallel to the axis, y is used instead.
+    At angle zero the flange's x axis, projected on the plane perpendicular to the tool, points along x of R0,
+    projected on the plane perpendicular to the direction. Where x is parallel to the axis, y is used instead.
 
     Args:
         tool_axis: (3,) unit vector in the flange frame.
@@ -92,11 +92,11 @@ def tool_rotations(tool_axis: FloatArray, directions: FloatArray, turns: int) ->
         turns: number A of angles about the tool axis, evenly over a full turn.
 
     Returns:
-        (D·A, 3, 3) axes of the flange in R0, the angles of a direction together.
+        (D·A, 3, 3) axes of the flange in R0 as columns; the A angles of a direction follow each other.
     """
-    about = Rotation.from_euler("z", _FULL_TURN * np.arange(turns)[:, None] / turns).as_matrix()
+    about_z = Rotation.from_euler("z", _FULL_TURN * np.arange(turns)[:, None] / turns).as_matrix()
     tool = _build_frame_about(tool_axis)
-    return np.concatenate([_build_frame_about(direction) @ about @ tool.T for direction in directions])
+    return np.concatenate([_build_frame_about(direction) @ about_z @ tool.T for direction in directions])
 
 
 def _build_frame_about(axis: FloatArray) -> FloatArray:
@@ -113,10 +113,10 @@ def _build_frame_about(axis: FloatArray) -> FloatArray:
 def find_postures_within_limits(
     robot: Robot, task: MapTask, inverse: InverseKinematics, places: FloatArray
 ) -> tuple[IndexArray, IndexArray, FloatArray, IndexArray, IndexArray]:
-    """Find all postures that bring the tool to places, within the limits of task and robot.
+    """Find all postures within the limits of task and robot that bring the tool to given places.
 
-    Near a singularity the inverse kinematics may miss solutions. A task that keeps near a posture then
-    follows the branch of that posture, and uses the posture found if no other solution is nearer.
+    Near a singularity the inverse kinematics may miss solutions. If the task keeps near a posture, the branch
+    of this posture is then followed, and the posture found is used if no other solution is nearer.
 
     Args:
         robot: n joints.
@@ -125,9 +125,9 @@ def find_postures_within_limits(
         places: (P, 3) in R0 [m].
 
     Returns:
-        Of K postures: (K,) index of the place, (K,) index of the orientation, (K, n) controller's angles
-        [rad]. Then indices (S,) of places that some posture reaches, within limits or not; and (L,) of places
-        where the branch could not be followed.
+        For K postures: (K,) index of the place, (K,) index of the orientation, (K, n) controller's angles
+        [rad]. Then (S,) the indices of places that some posture reaches, within the limits or not; and (L,)
+        the indices of places where the branch could not be followed.
     """
     count = len(task.rotation)
     poses = np.zeros((len(places), count, 4, 4))
@@ -135,22 +135,25 @@ def find_postures_within_limits(
     poses[..., :3, :3] = task.rotation
     poses[..., :3, 3] = places[:, None] - task.rotation @ task.place
     goals = poses.reshape(-1, 4, 4)
-    solutions, complete = inverse.solutions(goals)
+    solutions, complete = inverse.solve(goals)
     lost = np.zeros(0, dtype=np.intp)
-    arm, of_arm = inverse.arm, None if task.near is None else inverse.of_arm(task.near)
+    arm = inverse.arm
+    of_arm = None if task.near is None else inverse.select_arm_joints(task.near)
     if of_arm is not None:
         rows = np.flatnonzero(~complete)
         near = np.tile(arm.joint_map.model_angles(of_arm[None]), (len(rows), 1))
-        followed, known = inverse.followed(goals[rows], near)
-        others = np.round(apart(solutions[rows], near[:, None]), 6)
-        known &= np.round(apart(followed, near), 6) <= np.fmin.reduce(others, axis=1, initial=np.inf)
+        followed, known = inverse.follow_branches(goals[rows], near)
+        others = np.round(compute_angle_gaps(solutions[rows], near[:, None]), 6)
+        known &= np.round(compute_angle_gaps(followed, near), 6) <= np.fmin.reduce(
+            others, axis=1, initial=np.inf
+        )
         solutions[rows] = np.nan
         solutions[rows[known], 0] = followed[known]
         lost = np.unique(rows[~known] // count)
     pose, branch = np.nonzero(np.isfinite(solutions).all(axis=2))
-    limits = inverse.of_arm(task.limits.T).T
-    kept, angles = in_ranges(arm, solutions[pose, branch], limits, of_arm)
-    joints = inverse.whole(angles)
+    limits = inverse.select_arm_joints(task.limits.T).T
+    kept, angles = fit_to_ranges(arm, solutions[pose, branch], limits, of_arm)
+    joints = inverse.insert_held_joints(angles)
     place, orientation = np.divmod(pose, count)
     kept &= ((joints >= task.limits[:, 0]) & (joints <= task.limits[:, 1])).all(axis=1)
     model_angles = robot.joint_map.model_angles(joints)
@@ -178,7 +181,12 @@ class DeflectionMap:
 
     @classmethod
     def all_out_of_reach(cls, count: int, joints: int) -> DeflectionMap:
-        """Return a map of so many places, all of them out of reach, without numbers."""
+        """Return a map of `count` places, all out of reach, with NaN for every number.
+
+        Args:
+            count: number P of places.
+            joints: number n of joints.
+        """
         return cls(
             np.full(count, _OUT_OF_REACH, dtype=np.intp),
             np.zeros(count, dtype=np.intp),
@@ -187,7 +195,7 @@ class DeflectionMap:
 
     @property
     def reached(self) -> BoolArray:
-        """(P,) whether a place is reached, and so has numbers."""
+        """(P,) mask of the places that are reached, and so have numbers."""
         return np.asarray(self.status == _REACHED)
 
     @property
@@ -209,8 +217,8 @@ def map_places(
 ) -> DeflectionMap:
     """Map places: choose a posture for each place and compute how far the tool bends there.
 
-    The posture is chosen by the deflection to first order in the load, or nearest to `task.near`. The numbers
-    of the chosen posture are exact predictions of the forward model.
+    The chosen posture has the least deflection to first order in the load, or is nearest to `task.near`. The
+    numbers of the chosen posture are exact predictions of the forward model.
 
     Args:
         model: model of the loaded robot.
@@ -231,9 +239,10 @@ def map_places(
         cases = task.cases(orientation, joints)
         size = np.linalg.norm(model.linear_displacement(cases, model.unloaded(cases)), axis=1)
     with np.errstate(divide="ignore"):
-        rank = np.round(np.log(size) / _TIE)  # equal up to rounding: a tie
+        rank = np.round(np.log(size) / _TIE)  # sizes that differ by rounding get the same rank
+    # The last key sorts first: places, then rank, travel from home, and orientation.
     order = np.lexsort((orientation, far, rank, place))
-    best = order[np.unique(place[order], return_index=True)[1]]  # one posture of each place
+    best = order[np.unique(place[order], return_index=True)[1]]  # first posture of each place
     loaded = map_postures(model, error, task, orientation[best], joints[best])
     for name, column in vars(loaded).items():
         getattr(result, name)[place[best]] = column
@@ -247,7 +256,7 @@ def map_postures(
     orientation: IndexArray,
     joints: FloatArray,
 ) -> DeflectionMap:
-    """Compute the numbers of a map for given postures.
+    """Compute displacement, compliances, intervals and status of a map for P given postures.
 
     Args:
         model: model of the loaded robot.
@@ -260,7 +269,7 @@ def map_postures(
     result.orientation[:], result.joints[:] = orientation, joints
     cases = task.cases(orientation, joints)
     unloaded = model.unloaded(cases)
-    overloaded = model.overloaded(cases, unloaded)
+    overloaded = model.find_overloads(cases, unloaded)
     result.status[overloaded] = _OVERLOADED
     bearable = np.flatnonzero(~overloaded)
     if not len(bearable):
@@ -305,16 +314,19 @@ Answer = TypeVar("Answer", bound=Message)
 def build_messages_where(
     kind: type[Answer], where: Sequence[bool] | BoolArray, **columns: npt.NDArray[Any] | Sequence[Any]
 ) -> list[Answer | None]:
-    """Build one message of a kind for each row of columns where a mask is true; None for the other rows.
+    """Build one message of a class for each row of columns where a mask is true; None for the other rows.
 
     Args:
         kind: class of the messages.
         where: (N,) rows that get a message.
-        columns: N values of each field, by its name.
+        columns: N values of each field of the messages, by the field's name.
+
+    Returns:
+        N messages or None, in the order of the rows.
     """
     there = np.flatnonzero(where).tolist()
     answers: list[Answer | None] = [None] * len(where)
-    chosen = rows(kind, **{name: [column[i] for i in there] for name, column in columns.items()})
+    chosen = build_messages(kind, **{name: [column[i] for i in there] for name, column in columns.items()})
     for i, answer in zip(there, chosen, strict=True):
         answers[i] = answer
     return answers
@@ -328,11 +340,11 @@ def _round_to_eight_digits(values: FloatArray) -> list[float]:
 def build_stored_model(
     model: JointModel | ElasticPredictor, error: ModelError | JointstiffError
 ) -> stored_as.IdentifiedModel:
-    """Return a model as the message stored with its run.
+    """Build the message that stores an identified model with its run.
 
     Args:
         model: model of joints, or of joints and links.
-        error: error of the model, or why it has none.
+        error: error of the model, or the exception that states why the model error is unknown.
     """
     stored = (
         _describe_elastic_model(model)
@@ -347,7 +359,7 @@ def build_stored_model(
     if isinstance(error, ModelError):
         stored["error"] = stored_as.ModelError(
             postures=error.postures,
-            steps=rows(stored_as.ScoreStep, score=error.score, share=error.share),
+            steps=build_messages(stored_as.ScoreStep, score=error.score, share=error.share),
             force=error.force,
             moment=error.moment,
             least_load=error.least_load,
@@ -360,13 +372,12 @@ def build_stored_model(
 
 
 def _describe_joint_model(model: JointModel) -> dict[str, Any]:
-    """Return the fields of a stored model in which only joints bend."""
-    names, likelihood, bounds, weight = (
-        model.robot.joint_names,
-        model.likelihood,
-        model.constraints.bounds,
-        None,
-    )
+    """Return the fields of a stored model in which only joints bend.
+
+    `estimate` and `covariance` are of the joints in `seen`, without constraints; `compliance` obeys them.
+    """
+    names, likelihood, bounds = model.robot.joint_names, model.likelihood, model.constraints.bounds
+    weight = None
     if isinstance(model.weight, IdentifiedWeight):
         weight = stored_as.WeightPart(
             gravity=point(model.weight.gravity),
@@ -374,13 +385,13 @@ def _describe_joint_model(model: JointModel) -> dict[str, Any]:
             centre=model.weight.centre.tolist(),
             covariance_root=[_round_to_eight_digits(row) for row in model.weight.root],
         )
-    given = None if likelihood is None else likelihood.given_rows
+    information_rows = None if likelihood is None else likelihood.given_rows
     return {
         "compliance": model.compliance.tolist(),
         "seen": [] if likelihood is None else [names[j] for j in likelihood.joints],
         "estimate": [] if likelihood is None else likelihood.centre.tolist(),
         "covariance": [] if likelihood is None else likelihood.covariance.tolist(),
-        "information_root": None if given is None else given.tolist(),
+        "information_root": None if information_rows is None else information_rows.tolist(),
         "lower": [value if isfinite(value) else None for value in bounds.lower.tolist()],
         "upper": [value if isfinite(value) else None for value in bounds.upper.tolist()],
         "order": model.constraints.order,
@@ -410,25 +421,25 @@ def _describe_elastic_model(model: ElasticPredictor) -> dict[str, Any]:
     }
 
 
-def forward_model(
+def build_forward_model(
     robot: Robot, stored: stored_as.IdentifiedModel, weight: OwnWeight | None = None
 ) -> tuple[ForwardModel, ModelError | None]:
-    """Return the forward model of a run, and its model error, from the stored message.
+    """Build the forward model of a run, and its model error, from the stored message.
 
     Args:
         robot: robot that was measured.
         stored: model of the run as stored.
-        weight: own weight of the links, used only where joints alone bend; None leaves it out.
+        weight: own weight of the links, used only where joints alone bend; None neglects own weight.
 
     Returns:
-        The model; and its error, None if it has none.
+        The forward model; and its model error, None if the run has no model error.
 
     Raises:
-        RequestError: the model is of a robot with other joints.
+        RequestError: the stored model has other joints than the robot.
     """
     if list(robot.joint_names) != stored.joints:
         raise RequestError(
-            f"the run is of a robot with the joints {', '.join(stored.joints)}",
+            f"the run was made with another robot, whose joints are {', '.join(stored.joints)}",
             where="run_id",
             remedy="give the robot that was measured",
         )
@@ -475,11 +486,11 @@ def forward_model(
 
 
 def _fill_missing_limits(values: Sequence[float | None], limit: float) -> FloatArray:
-    """Return values as an array, with a limit in place of each None."""
+    """Return values as an array, in which a limit replaces each None."""
     return np.array([limit if value is None else value for value in values], dtype=np.float64)
 
 
-def case_results(
+def build_case_results(
     bent: Deflection,
     bound: ModelErrorBound | None,
     directions: FloatArray,
@@ -487,13 +498,13 @@ def case_results(
     labels: Sequence[str],
     budget: Budget | None,
 ) -> list[cases.CaseResult]:
-    """Return the result of each load case as a message.
+    """Build the message of each load case's result.
 
     A case that twists an unknown joint has a remark instead of numbers.
 
     Args:
         bent: deflections of B cases.
-        bound: model error of their displacements; None where it has no bound.
+        bound: bounds of the model error of these displacements; None if the model error is unknown.
         directions: (B, 3) unit vectors along which stiffness is requested; NaN where there are none.
         confidence: level of the intervals.
         labels: names of the cases.
@@ -523,7 +534,7 @@ def case_results(
             "prediction is not valid"
         ]
     budgets = _build_budget_messages(bent, budget, radius, bent.model.quantile(confidence))
-    return rows(
+    return build_messages(
         cases.CaseResult,
         label=labels,
         displacement=np.where(there[:, None], bent.displacement, np.nan),
@@ -538,19 +549,19 @@ def case_results(
 
 
 def _list_extrapolation_remarks(bound: ModelErrorBound, b: int) -> list[str]:
-    """Return in words how far load case b is outside of what the campaign measured; empty if inside."""
+    """Return remarks on how far load case b exceeds the measured loads and postures; empty if it does not."""
     load, leverage = float(bound.load_ratio[b]), float(bound.leverage_ratio[b])
     remarks = []
     if np.isinf(load):
-        remarks.append(f"extrapolated: no {bound.unmeasured} was measured, so its model error has no bound")
+        remarks.append(f"extrapolated: no {bound.unmeasured} was measured, so the model error is unknown")
     elif load > EXTRAPOLATED:
         remarks.append(
             f"extrapolated: the load is {figure(load, '.3g')} times the greatest that was measured"
         )
     if np.isfinite(load) and leverage > EXTRAPOLATED:
         remarks.append(
-            f"extrapolated: the readings determine this posture and place {figure(leverage, '.3g')} times "
-            "less than the worst measured target"
+            f"extrapolated: the prediction here is {figure(leverage, '.3g')} times as uncertain as at the "
+            "worst measured target"
         )
     return remarks
 
@@ -558,9 +569,12 @@ def _list_extrapolation_remarks(bound: ModelErrorBound, b: int) -> list[str]:
 def _build_compliance_messages(
     bent: Deflection, directions: FloatArray, there: BoolArray
 ) -> list[cases.CartesianCompliance | None]:
-    """Return the Cartesian compliance of each load case as a message; None where `there` (B,) is false.
+    """Build the message of each load case's Cartesian compliance.
 
-    Stiffness along a direction is left out where `directions` (B, 3) is NaN.
+    Args:
+        bent: deflections of B load cases.
+        directions: (B, 3) unit vectors along which stiffness is stated; NaN states none.
+        there: (B,) load cases that have numbers; the others get None.
     """
     found, worst, known = bent.compliance, bent.compliance.worst, ~np.isnan(directions[:, 0])
     u = np.where(known[:, None], directions, [1.0, 0.0, 0.0])
@@ -587,11 +601,11 @@ def _build_compliance_messages(
 def _build_budget_messages(
     bent: Deflection, budget: Budget | None, radius: FloatArray, factor: float
 ) -> Sequence[cases.DeflectionBudget | None]:
-    """Return the uncertainty budget of each displacement's length as a message; None without one.
+    """Build the message of the uncertainty budget of each displacement's length.
 
     Args:
         bent: deflections of B cases.
-        budget: uncertainty budget of the run's compliances.
+        budget: uncertainty budget of the run's compliances; without a budget all B messages are None.
         radius: (B,) model error [m]; inf where unknown.
         factor: coverage factor of the intervals.
     """
@@ -604,7 +618,7 @@ def _build_budget_messages(
         size = np.array(part.contributions)
         covariances[np.ix_([k], shown, shown)] = np.outer(size, size) * np.array(part.correlation)
     budgets = []
-    for contributions, ball in zip(
+    for contributions, model_error in zip(
         bent.length_uncertainties(covariances).tolist(), radius.tolist(), strict=True
     ):
         parts = {
@@ -614,8 +628,8 @@ def _build_budget_messages(
         }
         included = [part.source for part in budget.components if part.included and part.source in parts]
         combined = hypot(*(parts[source] for source in included))
-        if isfinite(ball):
-            parts["model_error"] = ball / factor
+        if isfinite(model_error):  # the radius is an expanded uncertainty
+            parts["model_error"] = model_error / factor
         budgets.append(
             cases.DeflectionBudget(
                 contributions=parts,
@@ -629,7 +643,7 @@ def _build_budget_messages(
     return budgets
 
 
-def map_numbers(table: DeflectionMap, places: FloatArray, tool: FloatArray) -> dict[str, Any]:
+def summarise_map(table: DeflectionMap, places: FloatArray, tool: FloatArray) -> dict[str, Any]:
     """Summarise a map in the fields of its message: counts, percentiles, the worst and the stiffest place.
 
     Args:
@@ -642,7 +656,7 @@ def map_numbers(table: DeflectionMap, places: FloatArray, tool: FloatArray) -> d
     percentiles: dict[str, float] = {}
     if len(reached):
         order = [reached[np.argmax(length[reached])], reached[np.argmin(length[reached])]]
-        ends = rows(
+        ends = build_messages(
             cases.MapPlace,
             position=places[order],
             joints=table.joints[order],

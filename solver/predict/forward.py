@@ -20,8 +20,8 @@ from jointstiff.solver.arrays import (
     BoolArray,
     FloatArray,
     cross,
+    fix_axis_signs,
     greatest_eigenvalue,
-    in_one_sense,
 )
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.fit import student_quantile
@@ -71,7 +71,10 @@ class CartesianCompliance:
         return np.asarray(np.einsum("bi,bij,bj->b", direction, self.translation, direction))
 
     def across(self, direction: FloatArray) -> FloatArray:
-        """Return the greatest compliance (B,) in the plane across directions [m/N], an eigenvalue of C_tt."""
+        """Return the greatest compliance (B,) [m/N] in the plane perpendicular to each direction.
+
+        It is the greater eigenvalue of the symmetric part of C_tt projected on this plane.
+        """
         helper = np.where(np.abs(direction[:, :1]) < 0.6, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
         first = unit_vectors(cross(direction.T, helper.T).T)
         plane = np.stack([first, cross(direction.T, first.T).T], axis=1)  # (B, 2, 3)
@@ -97,14 +100,14 @@ class CartesianCompliance:
 
     @cached_property
     def worst(self) -> WorstDirection:
-        """Direction of the greatest compliance, with its uncertainty by the law of propagation (GUM, 5.1.2).
+        """Direction of the greatest compliance, with uncertainties from the law of propagation (GUM, 5.1.2).
 
         ``∂λ/∂c_j = vᵀ (∂C/∂c_j) v`` and ``∂v/∂c_j = Σ_m v_m v_mᵀ(∂C/∂c_j)v / (λ − λ_m)``, with the loaded
         posture held constant.
         """
         symmetric = 0.5 * (self.translation + self.translation.transpose(0, 2, 1))
         values, vectors = np.linalg.eigh(symmetric)
-        worst, v = values[:, -1], in_one_sense(vectors[:, :, -1])
+        worst, v = values[:, -1], fix_axis_signs(vectors[:, :, -1])
         if self.by_joint is None:
             unknown = np.full(len(v), np.nan)
             return WorstDirection(worst, v, unknown, unknown)
@@ -165,12 +168,12 @@ class ForwardModel(ABC):
             near: kinematics near the loaded postures; None starts at the unloaded ones.
 
         Raises:
-            RequestError: a load finds no stable balance.
+            RequestError: a load has no stable equilibrium.
         """
 
     @abstractmethod
-    def command(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
-        """Return angles (B, n) [rad] to command, so that the bent robot is in the wanted postures.
+    def compute_commands(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
+        """Return angles (B, n) [rad] to command, so that the deflected robot reaches the wanted postures.
 
         Args:
             wanted: B loaded postures.
@@ -178,26 +181,26 @@ class ForwardModel(ABC):
             share: (B,) share of the deflection that is compensated, 0 to 1.
 
         Raises:
-            RequestError: no such angles exist near the wanted posture.
+            RequestError: no angles near the wanted posture bring the loaded robot there.
         """
 
     @abstractmethod
     def linear_displacement(self, cases: LoadCases, unloaded: Postures) -> FloatArray:
-        """Return displacements (B, 3) of the places, to first order in the load [m]."""
+        """Return the displacements (B, 3) of the load cases' places [m], to first order in the load."""
 
     @abstractmethod
-    def overloaded(self, cases: LoadCases, unloaded: Postures) -> BoolArray:
-        """Return a mask (B,) of load cases whose loads are beyond what the model describes."""
+    def find_overloads(self, cases: LoadCases, unloaded: Postures) -> BoolArray:
+        """Return a mask (B,) of load cases whose loads are too great for the model."""
 
     def unloaded(self, cases: LoadCases) -> Postures:
         """Return the kinematics of load cases without their loads."""
         return Postures(self.robot, self.robot.joint_map.model_angles(cases.joints))
 
     def quantile(self, confidence: float) -> float:
-        """Return the coverage factor: half-width of a two-sided interval over the standard uncertainty."""
+        """Return the coverage factor of an interval: its half-width over the standard uncertainty."""
         if not 0.0 < confidence < 1.0:
             raise RequestError(
-                f"the confidence is {confidence}",
+                f"the confidence {confidence} is not between 0 and 1",
                 where="confidence",
                 remedy="give a confidence between 0 and 1",
             )
@@ -234,13 +237,13 @@ class Deflection(ABC):
     def covariance_root(self) -> FloatArray | None:
         """(B, 6, r) matrices H whose product H Hᵀ is the covariance of `motion`; None if it is unknown.
 
-        The covariance is by the readings alone, without constraints.
+        The covariance contains the uncertainty from the readings, and neither constraints nor model error.
         """
 
     @property
     @abstractmethod
     def unseen(self) -> BoolArray:
-        """(B, n) joints that the load twists, and whose compliance the readings do not determine.
+        """(B, n) mask of joints that the load twists, and whose compliance the readings do not determine.
 
         The numbers of a case with such a joint are not valid.
         """
@@ -252,15 +255,15 @@ class Deflection(ABC):
 
     @abstractmethod
     def compliance_known(self, direction: FloatArray) -> tuple[BoolArray, BoolArray]:
-        """Return masks (B,): whether compliances along directions (B, 3), and across them, are known.
+        """Return two masks (B,): whether compliances along directions (B, 3), and across them, are known.
 
-        Forces in these directions may twist joints that the load itself does not.
+        Forces in these directions may twist joints that the load itself does not twist.
         """
 
     def interval(self, confidence: float) -> FloatArray | None:
-        """Return intervals (B, 6, 2) of displacement, then rotation, from the readings alone.
+        """Return intervals (B, 6, 2) of displacement [m], then rotation [rad], from the readings alone.
 
-        They respect the constraints of the fit; None where no uncertainty is known.
+        The intervals respect the constraints of the fit. None is returned if no uncertainty is known.
         """
         if self.covariance_root is None:
             return None
@@ -289,10 +292,12 @@ class Deflection(ABC):
         )
 
     def length_uncertainties(self, covariances: FloatArray) -> FloatArray:
-        """Return standard uncertainties of the displacements' lengths by source, ``√(uᵀ A C_k Aᵀ u)``.
+        """Return the standard uncertainty of each displacement's length by source, ``√(uᵀ A C_k Aᵀ u)``.
+
+        u is the direction of the displacement, and A its derivatives with respect to the compliances.
 
         Args:
-            covariances: (K, p, p) of the compliances, by source [(rad/(N·m))²].
+            covariances: (K, p, p) covariance C_k of the compliances from each of K sources [(rad/(N·m))²].
 
         Returns:
             (B, K) [m]; zero where nothing moves.
@@ -308,9 +313,13 @@ def unit_vectors(vectors: FloatArray) -> FloatArray:
     return np.asarray(vectors / np.where(length > 0.0, length, 1.0))
 
 
-def greatest_deviation(half: FloatArray) -> FloatArray:
-    """Return the greatest standard uncertainty (B,) in any direction, by roots (B, 3, p) of covariances."""
-    roots = half.transpose(1, 2, 0)
+def greatest_deviation(covariance_root: FloatArray) -> FloatArray:
+    """Return the greatest standard uncertainty (B,) in any direction of vectors (3,).
+
+    Args:
+        covariance_root: (B, 3, p) matrices H; H Hᵀ is the covariance of a vector.
+    """
+    roots = covariance_root.transpose(1, 2, 0)
     return np.asarray(np.sqrt(greatest_eigenvalue(np.einsum("ikn,jkn->ijn", roots, roots))))
 
 
@@ -348,7 +357,7 @@ def compensate(
     ramp: FloatArray | None = None,
     hold: Callable[[FloatArray], FloatArray] | None = None,
 ) -> Compensation:
-    """Compute commands by which the bent robot brings the tool to the wanted places.
+    """Compute commanded angles with which the deflected robot brings the tool to the wanted places.
 
     Args:
         model: model of the loaded robot.
@@ -356,17 +365,17 @@ def compensate(
             angles as the controller would show them, the load acts there.
         limits: greatest corrections.
         ramp: (m,) shares of the corrections (`ramp_shares`); None corrects in full.
-        hold: function that changes commands (m, n) so that the same poses are reached by the joints that are
-            free to move; None if all joints are.
+        hold: function that changes commands (m, n) so that the joints that are free to move reach the same
+            poses, and the other joints stay; None if all joints are free.
 
     Raises:
-        RequestError: a load twists an unknown joint, finds no stable balance, or cannot be
+        RequestError: a load twists a joint of unknown compliance, has no stable equilibrium, or cannot be
             compensated.
     """
     robot, limits = model.robot, CorrectionLimits() if limits is None else limits
     ramp = np.ones(len(wanted)) if ramp is None else ramp
     goal = model.unloaded(wanted)
-    still = goal.to_base(wanted.place[:, None])[:, 0], goal.flange_rotation
+    wanted_poses = goal.to_base(wanted.place[:, None])[:, 0], goal.flange_rotation
     uncorrected = model.deflect(wanted, goal)
     if uncorrected.unseen.any():
         twisted = ", ".join(np.array(robot.joint_names)[uncorrected.unseen.any(axis=0)])
@@ -377,27 +386,27 @@ def compensate(
         )
     uncertainty = uncorrected.deviation_along(unit_vectors(uncorrected.displacement))
     uncertain = uncertainty > np.linalg.norm(uncorrected.displacement, axis=1)
-    share = np.where(uncertain, 0.0, ramp)
+    share = np.where(uncertain, 0.0, ramp)  # no correction where its direction is not known
 
-    def corrected(angles: FloatArray) -> tuple[Postures, FloatArray]:
-        """Return the kinematics of commands (m, n), and how far they are from the wanted poses."""
+    def apply_commands(angles: FloatArray) -> tuple[Postures, FloatArray]:
+        """Return the unloaded kinematics of commands (m, n), and their difference (m, 6) from the goal."""
         under = Postures(robot, angles if hold is None else hold(angles))
         place = under.to_base(wanted.place[:, None])[:, 0]
-        return under, _compute_pose_difference(*still, place, under.flange_rotation)
+        return under, _compute_pose_difference(*wanted_poses, place, under.flange_rotation)
 
-    under, correction = corrected(model.command(wanted, goal, share))
+    under, correction = apply_commands(model.compute_commands(wanted, goal, share))
     # `cap` (m,) is the share of each correction that the limits allow.
     size = np.stack([np.linalg.norm(correction[:, :3], axis=1), np.linalg.norm(correction[:, 3:], axis=1)])
     most = np.array([[limits.displacement], [limits.rotation]])
     cap: FloatArray = np.min(np.where(size > most, most / np.where(size > 0.0, size, 1.0), 1.0), axis=0)
     if (cap < 1.0).any():
-        held = model.command(wanted, goal, share * cap)
-        under, correction = corrected(np.where(cap[:, None] < 1.0, held, under.q))
+        reduced = model.compute_commands(wanted, goal, share * cap)
+        under, correction = apply_commands(np.where(cap[:, None] < 1.0, reduced, under.q))
     reached = model.deflect(wanted, under, near=goal)
     return Compensation(
         commanded=robot.joint_map.controller_angles(under.q),
         correction=correction,
-        residual=_compute_pose_difference(*still, reached.place, reached.axes),
+        residual=_compute_pose_difference(*wanted_poses, reached.place, reached.axes),
         uncorrected=uncorrected.motion,
         uncertainty=uncertainty,
         leverage=uncorrected.leverage,
@@ -413,10 +422,10 @@ def _compute_pose_difference(
     """Return the difference (m, 6) of two sets of poses: displacement [m], then rotation vector [rad], in R0.
 
     Args:
-        place: (m, 3) places of the first poses.
-        axes: (m, 3, 3) their axes.
-        there: (m, 3) places of the second poses.
-        axes_there: (m, 3, 3) their axes.
+        place: (m, 3) places of the first poses [m].
+        axes: (m, 3, 3) axes of the first poses.
+        there: (m, 3) places of the second poses [m].
+        axes_there: (m, 3, 3) axes of the second poses.
     """
     return np.concatenate([there - place, rotation_vectors(axes_there, axes)], axis=1)
 
@@ -424,17 +433,20 @@ def _compute_pose_difference(
 def residuals(
     model: ForwardModel, wanted: LoadCases, goal: FloatArray, commanded: FloatArray, near: FloatArray
 ) -> FloatArray:
-    """Return the residuals (m, 6) of commands, from wanted to loaded poses [m, then rad].
+    """Compute how far loaded poses are from the wanted poses under given commands.
 
     Args:
         model: model of the loaded robot.
         wanted: m loads and places.
         goal: (m, 4, 4) wanted poses of the flange in R0 [m].
         commanded: (m, n) angles of the model without the loads [rad].
-        near: (m, n) angles near the loaded postures, where the balance is looked for [rad].
+        near: (m, n) angles near the loaded postures, where the search for the balance starts [rad].
+
+    Returns:
+        (m, 6) differences, loaded minus wanted: displacement [m], then rotation vector [rad], axes of R0.
 
     Raises:
-        RequestError: a load finds no stable balance.
+        RequestError: a load has no stable equilibrium.
     """
     under, expected = (Postures(model.robot, angles) for angles in (commanded, near))
     axes, reached = goal[:, :3, :3], model.deflect(wanted, under, expected)
@@ -443,7 +455,7 @@ def residuals(
 
 
 def ramp_shares(robot: Robot, wanted: LoadCases, length: float) -> FloatArray:
-    """Return the share (m,) of each correction, ramped up after the load sets in and down before it ends.
+    """Return the share (m,) of each correction: it rises after the load begins, and falls before it ends.
 
     Args:
         robot: n joints.
@@ -462,9 +474,14 @@ def ramp_shares(robot: Robot, wanted: LoadCases, length: float) -> FloatArray:
 
 
 def _measure_path_since_load(loaded: BoolArray, steps: FloatArray) -> FloatArray:
-    """Return the length of path (m,) since the load set in [m].
+    """Return the length of path (m,) from where the load began to each posture [m].
 
-    It is zero at postures without load, and inf where the path begins with the load.
+    The length is zero at postures without load, and inf up to the first unloaded posture if the path begins
+    under load.
+
+    Args:
+        loaded: (m,) postures under load.
+        steps: (m − 1,) distances between consecutive postures [m].
     """
     length = np.zeros(len(loaded))
     length[0] = np.inf if loaded[0] else 0.0

@@ -29,22 +29,28 @@ from scipy.spatial.transform import Rotation
 from jointstiff.schemas.options import CrossValidation
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError, SolverError
-from jointstiff.solver.estimation.cones import diagonal, to_matrix
-from jointstiff.solver.estimation.estimate import Estimate, LeftOut, interval_ends
+from jointstiff.solver.estimation.cones import find_diagonal_entries, to_matrix
+from jointstiff.solver.estimation.estimate import Estimate, PostureJackknife, compute_interval_ends
 from jointstiff.solver.estimation.fit import Likelihood
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.observability import Spectrum
 from jointstiff.solver.estimation.problem import Constraints
-from jointstiff.solver.estimation.resampling import fit_subsets, method_stacks
+from jointstiff.solver.estimation.resampling import build_method_stacks, fit_subsets
 from jointstiff.solver.links.choice import Folds, fit_fold
 from jointstiff.solver.links.fit import ElasticEstimate
 from jointstiff.solver.links.model import ElasticColumns, elastic_blocks
-from jointstiff.solver.mechanics.block import Balance, OwnWeight, balance, spring_frames, wrench_stiffness
+from jointstiff.solver.mechanics.block import (
+    Balance,
+    OwnWeight,
+    find_balance,
+    spring_frames,
+    wrench_stiffness,
+)
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.measurements import Measurements, whitened
 from jointstiff.solver.mechanics.postures import Postures, rotation_vectors, skew
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.mechanics.springs import products
+from jointstiff.solver.mechanics.springs import differentiate_bilinear_form
 from jointstiff.solver.predict.forward import (
     LARGEST_TURN,
     CartesianCompliance,
@@ -90,7 +96,7 @@ class IdentifiedWeight(OwnWeight):
     root: FloatArray = field(kw_only=True)
 
     def compute_turn_root(self, postures: Postures, torque: FloatArray) -> FloatArray:
-        """Return a root (B, n, r) of the covariance of the joints' deflections [rad] in B postures.
+        """Return (B, n, r) L with L Lᵀ the covariance of the joints' deflections [rad²] in B postures.
 
         Args:
             postures: B postures.
@@ -117,11 +123,11 @@ class JointModel(ForwardModel):
     weight: OwnWeight | None = None
 
     @classmethod
-    def of(cls, robot: Robot, estimate: Estimate, constraints: Constraints) -> JointModel:
+    def from_estimate(cls, robot: Robot, estimate: Estimate, constraints: Constraints) -> JointModel:
         """Build the model from an estimate of the compliances and its constraints."""
         likelihood = estimate.likelihood if estimate.covariance is not None else None
         if likelihood is not None:
-            likelihood = likelihood.inflated(max(float(estimate.sigma or 0.0), _LEAST_SIGMA) ** 2)
+            likelihood = likelihood.multiply_covariance(max(float(estimate.sigma or 0.0), _LEAST_SIGMA) ** 2)
         freedom = None if estimate.sigma_given else estimate.degrees_of_freedom
         return cls(robot, estimate.compliance, likelihood, constraints, degrees_of_freedom=freedom)
 
@@ -135,7 +141,7 @@ class JointModel(ForwardModel):
 
     @cached_property
     def root(self) -> FloatArray:
-        """(n, n) matrix whose product with its transpose is the covariance."""
+        """(n, n) matrix L with L Lᵀ the covariance of the unconstrained estimate [(rad/(N·m))²]."""
         values, vectors = np.linalg.eigh(self.covariance)
         return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
@@ -145,10 +151,12 @@ class JointModel(ForwardModel):
         """Compute the deflections in the exact balance of springs and loads.
 
         Raises:
-            RequestError: a load finds no stable balance near the unloaded posture.
+            RequestError: a load has no stable equilibrium near the unloaded posture.
         """
         unloaded = self.unloaded(cases) if unloaded is None else unloaded
-        equilibrium = balance(self.robot, self.compliance, cases, self.weight, unloaded, near or unloaded)
+        equilibrium = find_balance(
+            self.robot, self.compliance, cases, self.weight, unloaded, near or unloaded
+        )
         loaded = equilibrium.loaded
         still, reached = (at.to_base(cases.place[:, None]) for at in (unloaded, loaded))
         jacobian = loaded.pose_jacobian_at(reached)
@@ -165,10 +173,11 @@ class JointModel(ForwardModel):
             jacobian=jacobian,
         )
 
-    def command(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
-        """Return ``θ − s c ∘ (τ(θ) + g(θ) − g(q_cmd))`` (B, n), the angles to command [rad].
+    def compute_commands(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
+        """Return the angles (B, n) to command, ``θ − s c ∘ (τ(θ) + g(θ) − g(q_cmd))`` [rad].
 
-        θ are the wanted angles, s the share, c the compliances, τ and g the torques of load and own weight.
+        θ are the wanted angles, s the share, c the compliances, τ the torques of the load and g those of own
+        weight. With an identified own weight, deflections include the sag: g(q_cmd) is then left out.
         """
         step = share[:, None] * self.compliance
         torque = goal.load(wanted.load_point, wanted.force, wanted.moment)[1]
@@ -192,8 +201,8 @@ class JointModel(ForwardModel):
         jacobian = unloaded.jacobian_at(unloaded.to_base(cases.place[:, None]))[:, 0]
         return np.asarray((jacobian @ turned[..., None])[..., 0])
 
-    def overloaded(self, cases: LoadCases, unloaded: Postures) -> BoolArray:
-        """Return a mask (B,) of loads that turn a joint, or reduce its stiffness, beyond the model."""
+    def find_overloads(self, cases: LoadCases, unloaded: Postures) -> BoolArray:
+        """Return a mask (B,) of loads that turn or soften a joint more than the model allows."""
         jacobian, torque = unloaded.load(cases.load_point, cases.force, cases.moment)
         turned = np.abs(self.compliance * torque) > LARGEST_TURN
         stiffness = wrench_stiffness(unloaded.angular_jacobian, jacobian, cases.force, cases.moment)
@@ -202,7 +211,7 @@ class JointModel(ForwardModel):
 
     @cached_property
     def _unseen_directions(self) -> FloatArray:
-        """(u, n) combinations of scaled compliances that the readings do not determine."""
+        """(u, n) coefficients of combinations of scaled compliances that the readings do not determine."""
         identity = np.eye(self.robot.n)
         if self.likelihood is None:
             return identity[:0]
@@ -214,7 +223,11 @@ class JointModel(ForwardModel):
         return np.concatenate([hidden, scaled @ identity[self.likelihood.joints]])
 
     def unseen(self, rows: FloatArray) -> BoolArray:
-        """Return a mask (B, n) of joints whose unknown compliance affects linear functions (B, w, n)."""
+        """Return a mask (B, n) of joints whose undetermined compliance changes the value of a function.
+
+        Args:
+            rows: (B, w, n) coefficients of w linear functions of the compliances in each of B cases.
+        """
         if not len(self._unseen_directions):
             return np.zeros((len(rows), self.robot.n), dtype=np.bool_)
         size = np.abs(rows).max(axis=(1, 2), initial=0.0)[:, None, None]
@@ -229,12 +242,12 @@ class JointModel(ForwardModel):
         """Return the ends of intervals of linear functions aᵀc under the constraints (method.md §9).
 
         The unconstrained interval is cut to the bounds, and widened to contain the estimate and the interval
-        of the profile likelihood. Without the profile it covers as often, and no program has to be solved.
+        of the profile likelihood. Without the profile the coverage is the same, and no program is solved.
 
         Args:
             rows: (K, n) coefficients a of the functions.
             confidence: level of the intervals.
-            by_profile: whether the profile likelihood widens them.
+            by_profile: whether the profile likelihood widens the intervals.
 
         Returns:
             (K, 2) in the unit of aᵀc; None where no uncertainty is known.
@@ -244,7 +257,9 @@ class JointModel(ForwardModel):
             return None
         part, value, quantile = rows[:, likelihood.joints], rows @ self.compliance, self.quantile(confidence)
         constraints, radii = self.constraints.select(likelihood.joints), np.array([quantile])
-        ends: FloatArray = interval_ends(likelihood, constraints, part, radii, value, by_profile=False)[0]
+        ends: FloatArray = compute_interval_ends(
+            likelihood, constraints, part, radii, value, by_profile=False
+        )[0]
         # With an order of joints the profile allows less than the bounds: the free ends are wider.
         if not by_profile or constraints.order:
             return ends
@@ -252,7 +267,9 @@ class JointModel(ForwardModel):
         for start in range(0, len(some), _BLOCK):
             block = some[start : start + _BLOCK]
             with suppress(SolverError):  # the free ends cover by themselves, wherever the truth lies
-                ends[block] = interval_ends(likelihood, constraints, part[block], radii, value[block])[0]
+                ends[block] = compute_interval_ends(
+                    likelihood, constraints, part[block], radii, value[block]
+                )[0]
         return ends
 
 
@@ -266,33 +283,33 @@ class JointDeflection(Deflection):
     jacobian: FloatArray  #: (B, 6, n) jacobian of the places [m/rad, then rad/rad], in the loaded posture
 
     @cached_property
-    def _motion_by_compliance(self) -> FloatArray:
-        """(B, 6, n) derivatives of the places' motion by c ∘ τ: ``J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹``."""
+    def _motion_by_joint_turn(self) -> FloatArray:
+        """(B, 6, n) derivatives of `motion` by the turn c ∘ τ: ``J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹``."""
         return self.jacobian @ self.balance.softened
 
     @cached_property
     def _torque(self) -> FloatArray:
-        """(B, n) torque by which compliances affect the deflection [N·m]; without that of a known sag."""
+        """(B, n) torque whose deflection is uncertain with c [N·m]; without an identified own weight."""
         if self.model.weight is None or not self.model.weight.absolute:
             return self.balance.torque
         return self.balance.loaded.load(self.cases.load_point, self.cases.force, self.cases.moment)[1]
 
     @cached_property
     def rows(self) -> FloatArray:
-        """(B, 6, n) derivatives of `motion` by c: ``J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹ diag(τ)``."""
-        return np.asarray(self._motion_by_compliance * self._torque[:, None])
+        """(B, 6, n) derivatives ∂motion/∂c, ``J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹ diag(τ)``."""
+        return np.asarray(self._motion_by_joint_turn * self._torque[:, None])
 
     @cached_property
     def covariance_root(self) -> FloatArray | None:
-        """(B, 6, r) root of the covariance of `motion`, with that of an identified sag; None if unknown."""
+        """(B, 6, r) L with ``L Lᵀ`` the covariance of `motion`, identified sag included; None if unknown."""
         if isinstance(self.model.weight, IdentifiedWeight):
-            turn = self.model.weight.compute_turn_root(self.balance.loaded, self._torque)
-            return np.asarray(self._motion_by_compliance @ turn)
+            turn_root = self.model.weight.compute_turn_root(self.balance.loaded, self._torque)
+            return np.asarray(self._motion_by_joint_turn @ turn_root)
         return None if self.model.likelihood is None else np.asarray(self.rows @ self.model.root)
 
     @property
     def unseen(self) -> BoolArray:
-        """(B, n) joints that load or own weight twists, and whose compliance is not determined."""
+        """(B, n) mask of joints that load or own weight twists, and whose compliance is not determined."""
         unseen, weight = self.model.unseen(self.rows), self.model.weight
         if isinstance(weight, IdentifiedWeight):
             own = np.abs(self.balance.torque - self._torque)
@@ -303,20 +320,24 @@ class JointDeflection(Deflection):
     @property
     def compliance(self) -> CartesianCompliance:
         """Cartesian compliance at the places, in the loaded postures."""
-        matrix = (self._motion_by_compliance * self.model.compliance) @ self.jacobian.transpose(0, 2, 1)
+        matrix = (self._motion_by_joint_turn * self.model.compliance) @ self.jacobian.transpose(0, 2, 1)
         symmetric = (self.cases.moment == 0.0).all(axis=1)
         by_joint = None if self.model.likelihood is None else self._compliance_by_joint
         return CartesianCompliance(matrix, symmetric, by_joint)
 
     def _compliance_by_joint(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return factors L, M (B, 6, n), ``∂C/∂c_j = L_j M_jᵀ``, and the covariance (n, n) of c."""
+        """Return L (B, 6, n) and M (B, 6, n) with ``∂C/∂c_j = L_j M_jᵀ``, and the covariance (n, n) of c."""
         # (I − K diag(c))⁻¹ = I + K (I − diag(c) K)⁻¹ diag(c)
-        by_torque = self.balance.stiffness @ (self.balance.softened * self.model.compliance)
-        stiffened = np.eye(self.model.robot.n) + by_torque
-        return self._motion_by_compliance, self.jacobian @ stiffened.transpose(0, 2, 1), self.model.covariance
+        feedback = self.balance.stiffness @ (self.balance.softened * self.model.compliance)
+        stiffened = np.eye(self.model.robot.n) + feedback
+        return self._motion_by_joint_turn, self.jacobian @ stiffened.transpose(0, 2, 1), self.model.covariance
 
     def compliance_known(self, direction: FloatArray) -> tuple[BoolArray, BoolArray]:
-        """Return masks (B,): whether all joints that move the places along, or across, are known."""
+        """Return two masks (B,): whether all joints that move the places along, or across, are known.
+
+        Args:
+            direction: (B, 3) unit vectors.
+        """
         linear = self.jacobian[:, :3]
         along = np.square(np.einsum("bi,bij->bj", direction, linear))
         across = np.maximum(np.einsum("bij,bij->bj", linear, linear) - along, 0.0)
@@ -341,10 +362,18 @@ class JointDeflection(Deflection):
     def _find_interval_ends(
         self, rows: FloatArray, value: FloatArray, confidence: float, *, by_profile: bool = True
     ) -> FloatArray | None:
-        """Return intervals (K, 2) of linear functions (K, n) of the compliances, shifted to values (K,).
+        """Return intervals (K, 2) of K linear functions of the compliances, shifted to exact values.
 
-        The shift corrects that the balance is not linear in the compliances. None where a sag was identified
-        or no uncertainty is known.
+        The shift corrects that the balance is not linear in the compliances.
+
+        Args:
+            rows: (K, n) coefficients of the functions.
+            value: (K,) exact values of the functions at the estimate.
+            confidence: level of the intervals.
+            by_profile: whether the profile likelihood widens the intervals.
+
+        Returns:
+            The intervals; None if own weight was identified or no uncertainty is known.
         """
         if isinstance(self.model.weight, IdentifiedWeight):
             return None
@@ -366,14 +395,17 @@ class ElasticPredictor(ForwardModel):
     seen: BoolArray  #: (n,) joints that the readings saw
 
     @classmethod
-    def of(cls, robot: Robot, elastic: ElasticEstimate) -> ElasticPredictor:
-        """Build the model from an estimate of joints and links, with a covariance by a normal prior."""
+    def from_estimate(cls, robot: Robot, elastic: ElasticEstimate) -> ElasticPredictor:
+        """Build the model from an estimate of joints and links; a normal prior completes its covariance."""
         companion, form = elastic.companion, elastic.companion.formulation
         entries, root = elastic.entries[form.columns], None
         if companion.sigma is not None:
             x = entries / form.unit
             penalised = x[form.cone.free : form.cone.nonnegative].reshape(-1, 6).sum(axis=1)
-            traces = [*penalised, *(x[place][diagonal(size)].sum() for size, place in form.cone.blocks())]
+            traces = [
+                *penalised,
+                *(x[place][find_diagonal_entries(size)].sum() for size, place in form.cone.blocks()),
+            ]
             deviation = max(_SHARE_OF_TRACE * float(np.sqrt(np.mean(np.square(traces)))), _LEAST_PRIOR)
             prior = np.full(len(x), deviation)
             prior[: form.cone.free] = _JOINT_PRIOR
@@ -393,7 +425,7 @@ class ElasticPredictor(ForwardModel):
 
     @cached_property
     def matrices(self) -> tuple[FloatArray, FloatArray]:
-        """Compliance matrices: (n, n) of joints [rad/(N·m)], (L, 6, 6) of links and base [SI units]."""
+        """Compliance matrices: (n, n) of the joints [rad/(N·m)], and (L, 6, 6) of links and base [SI]."""
         compliances = np.zeros(self.columns.width)
         compliances[self.kept] = self.entries
         coupling = to_matrix(compliances[self.columns.coupling], self.columns.n)
@@ -412,16 +444,16 @@ class ElasticPredictor(ForwardModel):
     def _bend(
         self, cases: LoadCases, unloaded: Postures, share: FloatArray | None = None
     ) -> ElasticDeflection:
-        """Compute a share (B,) of each deflection, to first order; all of it if share is None."""
+        """Compute the deflections to first order in the load, multiplied by a share (B,); None is 1."""
         R, origin = (part[:, list(self.columns.frames)] for part in spring_frames(unloaded))
-        at, pulled = (unloaded.to_base(point[:, None]) for point in (cases.place, cases.load_point))
-        jacobian = unloaded.pose_jacobian_at(at)
-        load_jacobian = unloaded.jacobian_at(pulled)[:, 0]
+        place, load_point = (unloaded.to_base(p[:, None]) for p in (cases.place, cases.load_point))
+        jacobian = unloaded.pose_jacobian_at(place)
+        load_jacobian = unloaded.jacobian_at(load_point)[:, 0]
         torque = unloaded.joint_torque(load_jacobian, cases.force, cases.moment)
         moves = np.zeros((*R.shape[:2], 6, 6))
         moves[..., :3, :3] = moves[..., 3:, 3:] = R
-        moves[..., :3, 3:] = -skew(at - origin) @ R
-        about = cases.moment[:, None] + np.cross(pulled - origin, cases.force[:, None])
+        moves[..., :3, 3:] = -skew(place - origin) @ R
+        about = cases.moment[:, None] + np.cross(load_point - origin, cases.force[:, None])
         wrench = np.concatenate([cases.force[:, None, None] @ R, about[:, :, None] @ R], axis=-1)
         of_joints, of_links = self.matrices
         motion = (jacobian @ (torque @ of_joints)[..., None])[..., 0]
@@ -430,7 +462,7 @@ class ElasticPredictor(ForwardModel):
         return ElasticDeflection(
             model=self,
             motion=motion,
-            place=at[:, 0] + motion[:, :3],
+            place=place[:, 0] + motion[:, :3],
             axes=Rotation.from_rotvec(motion[:, 3:]).as_matrix() @ unloaded.flange_rotation,
             jacobian=jacobian,
             torque=torque,
@@ -438,13 +470,14 @@ class ElasticPredictor(ForwardModel):
             wrench=wrench[:, :, 0],
         )
 
-    def command(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
-        """Find by Newton's method the angles to command (B, n) [rad], whose bent places are at the goal.
+    def compute_commands(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
+        """Find the angles (B, n) to command [rad] with which the loaded places reach the goal (Newton).
 
-        The slope neglects that the deflection changes with the posture; each step still gains three digits.
+        The derivative neglects that the deflection changes with the posture; each step still gains three
+        digits.
 
         Raises:
-            RequestError: the place is at a singular posture, or too far.
+            RequestError: the place is at a singular posture, or out of reach.
         """
         target, q = goal.to_base(wanted.place[:, None])[:, 0], goal.q
         for _ in range(_NEWTON_STEPS):
@@ -466,7 +499,7 @@ class ElasticPredictor(ForwardModel):
         """Return the displacements (B, 3) of the places [m]."""
         return self._bend(cases, unloaded).displacement
 
-    def overloaded(self, cases: LoadCases, unloaded: Postures) -> BoolArray:
+    def find_overloads(self, cases: LoadCases, unloaded: Postures) -> BoolArray:
         """Return a mask (B,) of loads that turn the flange by more than a linear model describes."""
         turned = np.linalg.norm(self._bend(cases, unloaded).rotation, axis=1)
         return np.asarray(turned > LARGEST_TURN)
@@ -484,36 +517,38 @@ class ElasticDeflection(Deflection):
 
     @cached_property
     def rows(self) -> FloatArray:
-        """(B, 6, p) derivatives of `motion` by the compliances of the model."""
+        """(B, 6, p) derivatives of `motion` with respect to the p compliances of the model."""
         columns = self.model.columns
         rows = np.empty((len(self.torque), 6, columns.width))
         rows[..., columns.joints] = self.jacobian * self.torque[:, None]
-        rows[..., columns.coupling] = products(self.jacobian, self.torque[:, None])
+        rows[..., columns.coupling] = differentiate_bilinear_form(self.jacobian, self.torque[:, None])
         for i, frame in enumerate(columns.frames):
-            rows[..., columns.link(frame)] = products(self.moves[:, i], self.wrench[:, i, None])
+            rows[..., columns.link(frame)] = differentiate_bilinear_form(
+                self.moves[:, i], self.wrench[:, i, None]
+            )
         return rows[..., self.model.kept]
 
     @cached_property
     def covariance_root(self) -> FloatArray | None:
-        """(B, 6, p) root of the covariance of `motion`; None if it is unknown."""
+        """(B, 6, p) L with L Lᵀ the covariance of `motion`; None if the covariance is unknown."""
         return None if self.model.root is None else np.asarray(self.rows @ self.model.root)
 
     @property
     def unseen(self) -> BoolArray:
-        """(B, n) joints that the load twists and that the readings do not show."""
+        """(B, n) mask of joints that the load twists and whose compliance the readings do not show."""
         twisted = np.abs(self.jacobian * self.torque[:, None]).max(axis=1) > 0.0
         return np.asarray(twisted & ~self.model.seen)
 
     @property
     def compliance(self) -> CartesianCompliance:
-        """Cartesian compliance at the places, of unknown uncertainty."""
+        """Cartesian compliance at the places, without its uncertainty, which is not known."""
         of_joints, of_links = self.model.matrices
         by_links = (self.moves @ of_links @ self.moves.mT).sum(axis=1)
         matrix = self.jacobian @ of_joints @ self.jacobian.transpose(0, 2, 1) + by_links
         return CartesianCompliance(matrix, np.ones(len(matrix), dtype=np.bool_), None)
 
     def compliance_known(self, direction: FloatArray) -> tuple[BoolArray, BoolArray]:
-        """Return masks (B,), along and across directions: whether the readings show all joints."""
+        """Return two masks (B,), for compliance along and across directions: whether all joints are known."""
         known = np.full(len(direction), self.model.seen.all())
         return known, known
 
@@ -545,11 +580,11 @@ class ModelErrorBound:
     leverage_ratio: FloatArray
 
     def interval(self, displacement: FloatArray, of_readings: FloatArray | None) -> FloatArray:
-        """Return intervals (B, 3, 2) of displacements [m] that cover balls and readings' intervals.
+        """Return intervals (B, 3, 2) of displacements [m] that contain the balls and given intervals.
 
         Args:
             displacement: (B, 3) predicted [m].
-            of_readings: (B, 6, 2) intervals of displacement and rotation by the readings; None if unknown.
+            of_readings: (B, 6, 2) intervals of displacement and rotation from the readings; None if unknown.
         """
         radius = self.radius[:, None]
         ends: FloatArray = np.stack([displacement - radius, displacement + radius], axis=-1)
@@ -576,24 +611,24 @@ class ModelError:
     #: with it and the leverage [m]; None where noise is stated or nothing but joints bends, and a residual
     #: grows with the root of the load
     noise: float | None = None
-    left_out: LeftOut | None = None  #: the fits without each posture; None where they are not known
+    left_out: PostureJackknife | None = None  #: the fits without each posture; None where they are not known
 
     @staticmethod
-    def needed(confidence: float) -> int:
+    def count_needed_postures(confidence: float) -> int:
         """Return the least number ``⌈1/α⌉ − 1`` of postures that gives a bound at a confidence 1 − α."""
         return ceil(1.0 / (1.0 - confidence) - _SLACK) - 1
 
     def quantile(self, confidence: float) -> float:
-        """Return the score [m] that a new posture keeps below by a probability; inf with too few postures."""
+        """Return the quantile of the scores [m] at a probability; inf with too few postures."""
         place = int(np.searchsorted(self.share, confidence - _SLACK))
         return float(self.score[place]) if place < len(self.score) else float("inf")
 
     def bound(self, cases: LoadCases, leverage: FloatArray, confidence: float) -> ModelErrorBound:
         """Return the bound of the model error at predicted places.
 
-        The radius grows with the root of the load within the campaign's loads, as the error is part elastic,
-        part friction. With elastic links and no stated noise it grows as the standard deviation of a reading.
-        An extrapolated load or posture widens it in proportion.
+        Within the campaign's loads the radius grows with the root of the load, as the error is part elastic,
+        part friction. With elastic links and no stated noise, it grows with the standard deviation of a
+        reading. Beyond the campaign's loads or postures, it grows in proportion.
 
         Args:
             cases: B load cases.
@@ -616,7 +651,7 @@ class ModelError:
 def _compute_residual_growth(load: FloatArray, leverage: FloatArray, noise: float | None) -> FloatArray:
     """Return the factor (B,) by which residuals grow with sizes of loads (B,) and leverages (B,) [m].
 
-    With a noise (`ModelError.noise`) it is 1 at zero leverage; else 1 at the campaign's greatest load.
+    With a noise [m] the factor is 1 at zero leverage; without one (None), 1 at the greatest load measured.
     """
     if noise is None:
         return np.maximum(np.sqrt(load), load)
@@ -628,7 +663,7 @@ def compute_load_sizes(
 ) -> FloatArray:
     """Return the sizes ``|F|/most_force + |M|/most_moment`` (B,) of loads (B, 3).
 
-    A size is inf if the load has a force or moment where none was measured, so that the greatest is zero.
+    A size is inf if the load has a force or moment although none was measured: the greatest is then zero.
     """
     size = np.zeros(len(force))
     for vector, greatest in ((force, most_force), (moment, most_moment)):
@@ -641,10 +676,10 @@ def compute_load_sizes(
 def leave_postures_out(
     robot: Robot, measurements: Measurements, settings: Settings, estimate: Estimate, model: JointModel
 ) -> ModelError:
-    """Estimate the model error: refit without each posture in turn, and predict the readings there.
+    """Estimate the model error: refit without each posture in turn, and predict the readings taken there.
 
-    The refits use method, weighting and bounds of the run, the weights of its robust loss, and K_c at its
-    compliances. They leave out priors and an order of joints, so that residuals are rather too large.
+    The refits use the method, weighting and bounds of the run, the weights of its robust loss, and K_c at the
+    compliances of the run. Priors and an order of joints are left out, so residuals are rather too large.
 
     Raises:
         RequestError: no posture can be left out.
@@ -659,7 +694,7 @@ def leave_postures_out(
         raise RequestError("the model error needs two postures under load", remedy="measure more postures")
     if measurements.direction is not None:
         raise RequestError(
-            "readings along a direction do not show how far a prediction is off",
+            "readings along one direction do not show the whole error of a prediction",
             remedy="read all three coordinates of a target",
         )
     if estimate.covariance is None:
@@ -671,7 +706,7 @@ def leave_postures_out(
     if estimate.robust is not None:
         measurements = estimate.robust.weigh(measurements)
     plain = replace(settings, loss="squared", prior=None, order=())
-    blocks = method_stacks(robot, measurements, plain, estimate)
+    blocks = build_method_stacks(robot, measurements, plain, estimate)
     fits = fit_subsets(blocks, (posture != groups[:, None]).astype(np.float64), plain.bounds)
     of_reading = posture[np.nonzero(measurements.present)[0]]
     left_out = np.isin(of_reading, groups)
@@ -681,19 +716,19 @@ def leave_postures_out(
     half = blocks.regressor.transpose(2, 1, 0) @ model.root[blocks.visible]
     lacking = np.full(len(of_reading), 1.0 / (count - 1))
     error = _compute_model_error(measurements, np.where(left_out, of_reading, -1), residual, half, lacking)
-    return replace(error, left_out=LeftOut(fits, count))
+    return replace(error, left_out=PostureJackknife(fits, count))
 
 
 def leave_folds_out(robot: Robot, measurements: Measurements, elastic: ElasticEstimate) -> ModelError:
-    """Estimate the model error with elastic links: leave out each of `_PARTS` parts of the postures in turn.
+    """Estimate the model error with elastic links: refit without each of `_PARTS` parts of the postures.
 
-    With so many parts, the fits are to hardly smaller sets than the whole. Without the readings of a part,
+    With so many parts, each fit uses nearly the whole set. Without the readings of a part,
     whitened rows A, the covariance ``C = L Lᵀ`` becomes ``L (I − Lᵀ AᵀA L)⁻¹ Lᵀ``.
 
     Raises:
         UnsupportedMethodError: there is one posture only.
     """
-    model, sigma = ElasticPredictor.of(robot, elastic), elastic.companion.sigma
+    model, sigma = ElasticPredictor.from_estimate(robot, elastic), elastic.companion.sigma
     parts = CrossValidation(folds=_PARTS, draws=1)
     folds = Folds(robot, measurements, elastic.model.columns, model.seen, parts)
     covariance = np.broadcast_to(measurements.covariance, (*measurements.present.shape, 3, 3))
@@ -730,17 +765,17 @@ def _compute_model_error(
 ) -> ModelError:
     """Compute the model error from R residuals of held-out readings, without the noise of the readings.
 
-    A residual holds the error of the prediction and the noise of the reading. Their squares add up in the
-    mean only, so all scores are reduced by one factor, which keeps the order of quantiles. The reduction is
-    smaller by the standard error of the mean square.
+    A residual contains the error of the prediction and the noise of the reading. Their squares add up in the
+    mean only, so all scores are multiplied by one factor for the noise, which keeps their order. The standard
+    error of the mean square is added to the factor, to be on the safe side.
 
     Args:
         measurements: N observations.
-        posture: (R,) index of each reading's posture; −1 where that was not left out.
-        residual: (R, 3) of the readings by fits without their postures [m]; NaN where undetermined.
-        half: (R, 3, p) roots of the covariances of predictions [m]; zero if they are unknown.
-        lacking: (R,) share of that covariance that the fit without the posture has more.
-        noise: standard deviation of a reading, as in `ModelError.noise` [m].
+        posture: (R,) index of each reading's posture; −1 for a posture that was not left out.
+        residual: (R, 3) residuals of the readings in fits without their postures [m]; NaN where undetermined.
+        half: (R, 3, p) matrices H, H Hᵀ the covariance of a prediction [m²]; zero if unknown.
+        lacking: (R,) share by which the covariance is greater in the fit without the posture.
+        noise: standard deviation of a coordinate of a reading [m]; None if residuals grow with the load only.
     """
     of_reading = np.nonzero(measurements.present)[0]
     force, moment = (
@@ -781,14 +816,14 @@ def _compute_model_error(
 
 
 def merge_score_steps(posture: IndexArray, score: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Merge scores into about `MOST_STEPS` steps of their distribution, in which postures weigh alike.
+    """Merge scores into about `MOST_STEPS` steps of their distribution; all postures have the same weight.
 
     Args:
         posture: (R,) index of each reading's posture.
         score: (R,) score of each reading.
 
     Returns:
-        (S,) ascending scores, each the greatest of those merged; and (S,) the share of scores up to there.
+        (S,) ascending scores, each the greatest of its step; and (S,) the share of scores up to each step.
     """
     postures, index, counts = np.unique(posture, return_inverse=True, return_counts=True)
     order = np.argsort(score, kind="stable")

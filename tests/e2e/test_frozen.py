@@ -38,14 +38,14 @@ def is_first():
 if {word!r} in sys.orig_argv:
     from jointstiff.service.kinds.run.work import RunWork
     from jointstiff.service.store import jobs
-    before, compute = jobs.inserting, RunWork.compute
+    before, compute = jobs.insert_unless_present, RunWork.compute
 """
 STOPPED_INSIDE_A_TRANSACTION = """
-    def inserting(connection, table):
+    def insert_unless_present(connection, table):
         if is_first():
             os.kill(os.getpid(), signal.SIGSTOP)
         return before(connection, table)
-    jobs.inserting = inserting
+    jobs.insert_unless_present = insert_unless_present
 """
 HANGS = """
     def hang(work, span):

@@ -26,9 +26,9 @@ def test_arrays_give_true_stiffnesses_with_a_verdict():
 
 def test_joints_are_identified_once_however_many_models_compete(monkeypatch):
     robot, measurements = prepare(elastic_campaign(beam_arm(ARM), configurations=16, seed=5))
-    identified, identify = [], joints.identify_balanced
+    identified, identify = [], joints.identify_with_fallback
     monkeypatch.setattr(
-        joints, "identify_balanced", lambda *given: identified.append(given) or identify(*given)
+        joints, "identify_with_fallback", lambda *given: identified.append(given) or identify(*given)
     )
     options = RunOptions(cross_validation=CrossValidation(folds=2, draws=1), links=["joint_2"])
     result = run(robot, measurements, options)
@@ -56,7 +56,7 @@ def test_steps_of_the_long_part_come_to_the_same_as_a_whole_run():
 
 def test_options_that_do_not_go_with_the_readings_are_refused_before_any_work():
     robot, measurements = simulated(load="pull", seed=4)
-    with pytest.raises(RequestError, match="exceeds the set's"):
+    with pytest.raises(RequestError, match="is larger than the measurement set"):
         Identification(robot, measurements, RunOptions(resampling=Resampling(size=1000)))
     with pytest.raises(RequestError, match="has no joint 'elbow'"):
         Identification(robot, measurements, RunOptions(stiffness_bounds={"elbow": (1e6, None)}))

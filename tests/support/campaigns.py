@@ -20,7 +20,7 @@ from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.problem import Bounds
-from jointstiff.solver.estimation.resampling import MethodStacks, method_stacks, refuse_nonlinear
+from jointstiff.solver.estimation.resampling import MethodStacks, build_method_stacks, refuse_nonlinear
 from jointstiff.solver.mechanics.chain import KinematicChain
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
@@ -64,7 +64,7 @@ def estimate(robot: Robot, measurements: Measurements, **options: Any) -> Estima
 
 def settings_of(robot: Robot, **options: Any) -> Settings:
     """Settings by the options of a run, K_c neglected as in the paper unless they say otherwise."""
-    return Settings.of(RunOptions(**{"complementary_stiffness": "neglected"} | options), robot)
+    return Settings.from_options(RunOptions(**{"complementary_stiffness": "neglected"} | options), robot)
 
 
 def only_deflections(measurements: Measurements) -> Measurements:
@@ -156,4 +156,4 @@ def blocks_of_set(robot: Robot, measurements: Measurements, settings: Settings) 
     refuse_nonlinear(settings)
     if not settings.complementary_stiffness:
         settings = replace(settings, bounds=Bounds.unconstrained(robot.n))
-    return method_stacks(robot, measurements, settings, identify(robot, measurements, settings))
+    return build_method_stacks(robot, measurements, settings, identify(robot, measurements, settings))

@@ -25,11 +25,11 @@ from support.campaigns import prepare
 from support.live import positions
 
 import jointstiff as js
-from jointstiff.service.kinds.program.work import unpacked
+from jointstiff.service.kinds.program.work import decompress_file
 from jointstiff.service.runs.trend import Campaign, ReadRun, compare_campaigns
 from jointstiff.service.store.tables import MeasurementSetEntry
 from jointstiff.simulator import default_arm
-from jointstiff.solver.integrity import inspect
+from jointstiff.solver.integrity import inspect_measurements
 
 HERE = Path(__file__).parents[1] / "cases"
 SHARED = HERE.parents[2] / "shared" / "data"
@@ -351,7 +351,7 @@ def mended(document: dict[str, Any], **options: Any) -> dict[str, Any]:
 def findings(document: dict[str, Any]) -> dict[str, Any]:
     """Return what the readings alone let find."""
     robot, measurements = prepare(document)
-    return {"findings": [_finding(each) for each in inspect(robot, measurements, degrees=False)]}
+    return {"findings": [_finding(each) for each in inspect_measurements(robot, measurements, degrees=False)]}
 
 
 def compensate(document: dict[str, Any], program: Mapping[str, str], **options: Any) -> dict[str, Any]:
@@ -369,7 +369,9 @@ def compensate(document: dict[str, Any], program: Mapping[str, str], **options: 
         "worst": {str(each.number): [each.interval, each.share, each.capped] for each in found.worst},
         "files": {
             each.name: [
-                line for line in unpacked(each).decode().splitlines() if line.startswith(("PTP", "LIN"))
+                line
+                for line in decompress_file(each).decode().splitlines()
+                if line.startswith(("PTP", "LIN"))
             ]
             for each in found.files
         },

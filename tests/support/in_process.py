@@ -14,7 +14,7 @@ import uvicorn
 from fastapi import FastAPI
 
 from jointstiff.service.app import create_app
-from jointstiff.service.security.admission import Posture
+from jointstiff.service.security.admission import AccessPolicy
 from jointstiff.service.store.store import Store
 
 
@@ -25,7 +25,7 @@ def description() -> dict[str, Any]:
         return create_app(store).openapi()
 
 
-def composed(store: Store, posture: Posture | None = None) -> FastAPI:
+def composed(store: Store, posture: AccessPolicy | None = None) -> FastAPI:
     """Compose an application that takes its description from the first one: it costs a second."""
     app = create_app(store, posture=posture)
     app.openapi = description
@@ -38,7 +38,7 @@ class Client:
     def __init__(
         self,
         store: Store,
-        posture: Posture | None = None,
+        posture: AccessPolicy | None = None,
         host: str = "localhost:8000",
         address: str = "127.0.0.1",
     ) -> None:
@@ -62,7 +62,7 @@ class Client:
 
 
 @contextmanager
-def served(store: Store, posture: Posture | None = None) -> Iterator[str]:
+def served(store: Store, posture: AccessPolicy | None = None) -> Iterator[str]:
     """Serve a store from a thread of this process; yield the address."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # as `serve` does

@@ -5,7 +5,7 @@ from typing import Any
 
 from support.in_process import Client
 
-from jointstiff.service.security.admission import Posture
+from jointstiff.service.security.admission import AccessPolicy
 from jointstiff.service.security.keys import digest, mint, mint_token
 from jointstiff.service.store.store import Store
 
@@ -23,7 +23,7 @@ def opened(store: Store, address: str = "127.0.0.1") -> Client:
     """Store a key of each role; return a client at an address of a service that requires them."""
     for minted in KEYS.values():
         store.keys.add(minted.record)
-    posture = Posture.of("127.0.0.1", (), access_control=True, require_key=True)
+    posture = AccessPolicy.from_address("127.0.0.1", (), access_control=True, require_key=True)
     return Client(store, posture, address=address)
 
 

@@ -7,7 +7,7 @@ from support.programs import options, path, tool_poses
 
 from jointstiff.service.kinds.geometry.kind import GEOMETRY
 from jointstiff.service.kinds.kind import AnyKind
-from jointstiff.service.kinds.rooms import kind_of
+from jointstiff.service.kinds.rooms import import_kind
 from jointstiff.simulator.programs import program_text
 
 MAP = {
@@ -67,5 +67,8 @@ def posted_job(
         "map": ("maps", MAP | {"run_id": run["id"]}),
         "fleet": ("fleets", {"measurement_set_ids": [of_set["measurement_set_id"]]}),
     }
-    collection, body = known.get(kind) or (kind_of(kind).collection, _examples(kind_of(kind), run, other)[0])
+    collection, body = known.get(kind) or (
+        import_kind(kind).collection,
+        _examples(import_kind(kind), run, other)[0],
+    )
     return client.request("POST", f"/v1/{collection}", json=body | changes, headers=headers)

@@ -10,7 +10,7 @@ import jointstiff
 from jointstiff.schemas.program import ProgramRequest, ProgramResult
 from jointstiff.schemas.run import Campaign, Run
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.kinds.program.work import ProgramWork, packed
+from jointstiff.service.kinds.program.work import ProgramWork, compress_file
 from jointstiff.simulator import default_arm, equilibrium, simulate_campaign
 from jointstiff.simulator.programs import PROGRAM_FILES
 from jointstiff.solver.mechanics.robot import Robot
@@ -80,7 +80,7 @@ def options(kind: str, **changes: Any) -> dict[str, Any]:
 def request(kind: str, text: str | bytes, name: str | None = None, **changes: Any) -> ProgramRequest:
     """The request of a program."""
     content = text.encode("latin-1") if isinstance(text, str) else text
-    file = packed(name or PROGRAM_FILES[kind], content)
+    file = compress_file(name or PROGRAM_FILES[kind], content)
     return ProgramRequest.model_validate({"run_id": "r", "files": [file], **options(kind, **changes)})
 
 
@@ -98,7 +98,7 @@ def compensated(kind: str, text: str | bytes, name: str | None = None, **changes
 def compensated_with_table(text: str, table: str) -> ProgramResult:
     """The result of a program of KUKA under the loads of a table."""
     asked = request("krl", text)
-    files = [*asked.files, packed("loads.csv", table.encode())]
+    files = [*asked.files, compress_file("loads.csv", table.encode())]
     changed = asked.model_copy(update={"load": None, "loads": "loads.csv", "files": files})
     robot, run = exact_run()
     return ProgramWork(robot, "robot", run, changed).conclude(())

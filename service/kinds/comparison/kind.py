@@ -35,9 +35,9 @@ from jointstiff.service.tables.table import (
     Sheet,
     Table,
     as_line,
-    number,
-    percent,
-    rounded,
+    format_percent,
+    format_rounded,
+    number_formatter,
 )
 
 if TYPE_CHECKING:
@@ -53,18 +53,18 @@ _METHODS_ABREAST: Final = 4
 _LONGEST_NAME: Final = 24
 
 Cell = Callable[[ComparedRun, int], Line]
-"""Function that formats the cell of a run and the joint with this index."""
+"""Function that formats a cell of a table, for a run and the index of a joint."""
 
 
 def report(_job: Comparison, result: ComparisonResult, view: View) -> Report:
-    """Return the ratios of two sides, then the runs in columns by method, then the methods that failed.
+    """Return the report: ratios of two sides, then runs in a column for each method, then failed methods.
 
     `view.details` adds rows that repeat the numbers of other rows.
     """
     parts: list[Part] = []
     if result.joints:
         parts += _list_ratio_parts(result, view.unit)
-    entries = sorted((entry for entry in result.entries if entry.joints), key=_place_in_table)
+    entries = sorted((entry for entry in result.entries if entry.joints), key=_table_sort_key)
     methods = {_short_name(entry) for entry in entries}
     if entries and (len(result.sides) == 1 or len(methods) > 1):
         parts += _list_method_parts(entries, view)
@@ -72,7 +72,7 @@ def report(_job: Comparison, result: ComparisonResult, view: View) -> Report:
 
 
 def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Part]:
-    """Return tables of the stiffness on both sides and their ratio, and a line on the avoided deflection."""
+    """Return tables of both sides' stiffnesses and their ratios, and a line on the avoided deflection."""
     by_id = {entry.run_id: entry for entry in result.entries}
     first, second = (by_id[side.run_id] for side in result.sides)
     joints, same_method = result.joints, _short_name(first) == _short_name(second)
@@ -80,10 +80,10 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
         Table(
             [
                 Column("joint", [joint.name for joint in joints], text=True),
-                Column("first", first.joints, unit.concise),
-                Column("second", second.joints, unit.concise),
-                Column("ratio", joints, lambda joint: _by_interval(joint.ratio, joint)),
-                Column(f"{100 * result.confidence:g} % interval", joints, _interval),
+                Column("first", first.joints, unit.format_concise),
+                Column("second", second.joints, unit.format_concise),
+                Column("ratio", joints, lambda joint: _ratio_text(joint.ratio, joint)),
+                Column(f"{100 * result.confidence:g} % interval", joints, _interval_text),
                 Column(
                     "p", [joint.p_value for joint in joints], lambda p: "< 0.0001" if p < 1e-4 else f"{p:.2g}"
                 ),
@@ -100,46 +100,48 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
     if avoided is not None:
         measured = "no observation is common to both sides"
         if avoided.measured is not None:
-            shown = _percent(avoided.measured)
+            shown = _share_text(avoided.measured)
             measured = f"measured {shown} in {avoided.matching} observations on both sides"
-        predicted = percent(avoided.predicted)
+        predicted = format_percent(avoided.predicted)
         parts.append(
             Line(f"  deflection avoided by the second side: {measured}; predicted {predicted} in all")
         )
     return parts
 
 
-def _by_interval(ratio: float | None, joint: JointRatio) -> str:
+def _ratio_text(ratio: float | None, joint: JointRatio) -> str:
     """Format a ratio of stiffnesses, rounded to two digits of the half width of its interval."""
     low, high = joint.ratio_interval or (None, None)
-    return rounded(ratio, None if low is None or high is None else max(high - low, 0.0) / 2, ".3g")
+    return format_rounded(ratio, None if low is None or high is None else max(high - low, 0.0) / 2, ".3g")
 
 
-def _interval(joint: JointRatio) -> str:
-    """Format the interval of a ratio. Fieller's interval may have no limit, or exclude a range of ratios."""
+def _interval_text(joint: JointRatio) -> str:
+    """Format Fieller's interval of a ratio, which may have no limit, or exclude a range of ratios."""
     if joint.ratio_interval is None:
         return NO_NUMBER
     if joint.ratio_excluded is not None:
         low, high = joint.ratio_excluded
         return f"not {low:.3g} … {high:.3g}"
-    return " … ".join("no limit" if end is None else _by_interval(end, joint) for end in joint.ratio_interval)
+    return " … ".join("no limit" if end is None else _ratio_text(end, joint) for end in joint.ratio_interval)
 
 
 def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:
-    """Return the joints by the fit of both sides in which no joint is softer on the second side."""
+    """Return a table of both sides' joints, from the fit in which no joint is softer on the second side."""
     joints = ordered.joints
 
     def format_interval(ends: tuple[float, float] | None, kind: JointKind) -> str:
-        return unit.of(kind).bare_interval(ends)
+        return unit.for_kind(kind).format_compliance_interval(ends)
 
     return Table(
         [
             Column("joint", [joint.name for joint in joints], text=True),
-            Column("first", joints, lambda joint: unit.bare(joint.compliance_first, joint.kind)),
+            Column("first", joints, lambda joint: unit.format_compliance(joint.compliance_first, joint.kind)),
             Column(
                 "interval", joints, lambda joint: format_interval(joint.compliance_interval_first, joint.kind)
             ),
-            Column("second", joints, lambda joint: unit.bare(joint.compliance_second, joint.kind)),
+            Column(
+                "second", joints, lambda joint: unit.format_compliance(joint.compliance_second, joint.kind)
+            ),
             Column(
                 "interval",
                 joints,
@@ -153,17 +155,20 @@ def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:
     )
 
 
-def _percent(share: Estimate) -> str:
+def _share_text(share: Estimate) -> str:
     """Format a share in %, with its standard uncertainty if it has one."""
     if not share.standard_uncertainty:
-        return percent(share.value)
+        return format_percent(share.value)
     return f"({100 * share.value:.2f} ± {100 * share.standard_uncertainty:.2f}) %"
 
 
 def _list_method_parts(entries: Sequence[ComparedRun], view: View) -> list[Part]:
-    """Return tables of the joints in columns by method with a legend, and a table of the fits as a whole."""
+    """Return tables of the joints with a column for each method and a legend, and a table of whole fits."""
     unit, drawn = view.unit, next((entry.draws for entry in entries if entry.draws), None)
-    cell: Cell = partial(_drawn_cell, unit) if drawn else lambda entry, j: unit.concise(entry.joints[j])
+    cell: Cell = (
+        partial(_drawn_cell, unit) if drawn else lambda entry, j: unit.format_concise(entry.joints[j])
+    )
+    # Runs with a constraint that changes no number are not shown, but the legend mentions them.
     alike = not view.details and drawn is None and _constraints_change_nothing(entries, cell)
     shown = [entry for entry in entries if not entry.positive] if alike else entries
     title = f"{unit.quantity.capitalize()} in {unit.label_of(entries[0].joints)}"
@@ -179,7 +184,7 @@ def _list_method_parts(entries: Sequence[ComparedRun], view: View) -> list[Part]
 
 
 def _constraints_change_nothing(entries: Sequence[ComparedRun], cell: Cell) -> bool:
-    """Return whether all fits have the same cells with and without the constraint of positive compliance."""
+    """Return whether each fit with compliances ≥ 0 shows the same numbers as the free fit."""
     by_constraint: dict[bool, dict[tuple[str, str], list[str]]] = {False: {}, True: {}}
     for entry in entries:
         numbers = [str(cell(entry, j)) for j in range(len(entry.joints))]
@@ -202,7 +207,10 @@ def _joint_tables(entries: Sequence[ComparedRun], title: str, cell: Cell, captio
 
 
 def _shares_tables(entries: Sequence[ComparedRun]) -> list[Part]:
-    """Return tables of the share of resampled fits that are negative, rigid or undetermined, by joint."""
+    """Return tables of each joint's share of resampled fits that are negative, rigid or undetermined.
+
+    If all shares are zero, a line says so instead.
+    """
     drawn = [
         joint
         for entry in entries
@@ -247,12 +255,12 @@ def _joint_table(entries: Sequence[ComparedRun], title: str, cell: Cell, caption
 
 
 def _row_name(side: SideName, positive: bool, *, several_sides: bool) -> str:
-    """Return the name of a row by constraint, such as "free"; with several sides "1 free" or "2 free"."""
+    """Return the name of a table's row: its constraint, such as "free"; with several sides "1 free"."""
     return f"{f'{_SIDES.index(side) + 1} ' * several_sides}{_CONSTRAINTS[positive]}"
 
 
-def _place_in_table(entry: ComparedRun) -> tuple[int, int, bool, int]:
-    """Return the key by which runs are sorted in tables: method, weighting, constraint, side."""
+def _table_sort_key(entry: ComparedRun) -> tuple[int, int, bool, int]:
+    """Return the key that sorts runs in tables: in order of method, weighting, constraint and side."""
     weighting = ("characteristic_length", "uniform", "covariance").index(entry.weighting)
     return list(_SHORT).index(entry.method), weighting, entry.positive, _SIDES.index(entry.side)
 
@@ -268,10 +276,10 @@ def _drawn_cell(unit: StiffnessUnit, entry: ComparedRun, j: int) -> Line:
     mean, deviation = (None, None) if drawn is None else mean_and_deviation(drawn, unit)
     if mean is None:
         return Line("rigid" if drawn and drawn.share_infinite else "—", "dim")
-    text = rounded(mean, deviation, ".2g")
+    text = format_rounded(mean, deviation, ".2g")
     if deviation is not None:
-        text += f" & {rounded(deviation, deviation)}"
-    if drawn is not None and (own := unit.of(drawn.kind)) is not unit:
+        text += f" & {format_rounded(deviation, deviation)}"
+    if drawn is not None and (own := unit.for_kind(drawn.kind)) is not unit:
         text += f" {own.label}"
     return Line(text, "bad" if mean < 0 else "")
 
@@ -286,12 +294,12 @@ def _shares_cell(entry: ComparedRun, j: int) -> Line:
 
 
 def _resampled_joint(entry: ComparedRun, j: int) -> ResampledJoint | None:
-    """Return the statistics of joint `j` over resampled fits; None if the run was not resampled."""
+    """Return the statistics of joint `j` over the resampled fits; None for a run without resampling."""
     return entry.resampling.joints[j] if entry.resampling else None
 
 
 def _fits_table(entries: Sequence[ComparedRun]) -> Table:
-    """Return a table of the fits as a whole: explained deflection, residual, condition number."""
+    """Return a table with a row for each fit: explained deflection, residual, condition number."""
     several = len({entry.side for entry in entries}) > 1
     names = [
         f"{_short_name(entry)} {_row_name(entry.side, entry.positive, several_sides=several)}"
@@ -299,9 +307,9 @@ def _fits_table(entries: Sequence[ComparedRun]) -> Table:
     ]
     columns = [
         Column("fit", names, text=True, widest=_LONGEST_NAME),
-        Column("explained", [percent(entry.compensation) for entry in entries]),
-        Column("rms", [entry.rms_residual for entry in entries], number(".0f", 1e6), "µm"),
-        Column("condition", [entry.condition_number for entry in entries], number(".3g")),
+        Column("explained", [format_percent(entry.compensation) for entry in entries]),
+        Column("rms", [entry.rms_residual for entry in entries], number_formatter(".0f", 1e6), "µm"),
+        Column("condition", [entry.condition_number for entry in entries], number_formatter(".3g")),
     ]
     if any(entry.resampling for entry in entries):
         cells = [_resampled_cells(entry.resampling) for entry in entries]
@@ -311,12 +319,14 @@ def _fits_table(entries: Sequence[ComparedRun]) -> Table:
 
 
 def _resampled_cells(resampling: ResamplingResult | None) -> tuple[str, str]:
-    """Format the share explained by resampled fits, and the share of fits with a negative stiffness."""
+    """Format two cells: deflection that resampled fits explain, and share of fits with negative stiffness."""
     if resampling is None:
         return "", ""
     deviation = resampling.compensation_deviation
     spread = "" if deviation is None else f" & {100 * deviation:.2g}"
-    return percent(resampling.compensation_mean) + spread, percent(resampling.share_any_negative)
+    return format_percent(resampling.compensation_mean) + spread, format_percent(
+        resampling.share_any_negative
+    )
 
 
 def _legend(entries: Sequence[ComparedRun], *, alike: bool, drawn: bool) -> str:
@@ -335,7 +345,7 @@ def _legend(entries: Sequence[ComparedRun], *, alike: bool, drawn: bool) -> str:
         "1, 2: first and second side" if len({entry.side for entry in entries}) > 1 else "",
         "free: unconstrained",
         "≥ 0: compliances zero or positive" if any(entry.positive for entry in entries) else "",
-        "drawn: all configurations by the fits of the drawn ones, mean & standard deviation"
+        "drawn: explained share of all configurations, mean & standard deviation over the drawn fits"
         if drawn
         else "3.188(17): 3.188 with standard uncertainty 0.017",
         "≥ 0 gives the same numbers as free: no constraint is active" if alike else "",
@@ -355,14 +365,15 @@ def _failure_lines(entries: Sequence[ComparedRun]) -> list[Line]:
 
 
 def charts(result: ComparisonResult) -> list[Chart]:
-    """Return charts of the deflection of each configuration, and of its residual by each method.
+    """Return charts of each configuration's deflection and, for each method, of its residual.
 
-    They correspond to figures 7 and 8 of the paper.
+    These charts correspond to figures 7 and 8 of the paper.
     """
     charts: list[Chart] = []
     for side in result.sides:
         entries = [entry for entry in result.entries if entry.side == side.side and entry.left]
-        # Of a method with and without the constraint, the constrained run comes last and is drawn.
+        # If a method has a run with the constraint and a run without, the constrained run is drawn: it is
+        # sorted last.
         kept = {_short_name(entry): entry for entry in sorted(entries, key=lambda each: each.positive)}
         charts.append(
             Chart(
@@ -376,14 +387,15 @@ def charts(result: ComparisonResult) -> list[Chart]:
         )
     if common := _common_configurations(result):
         series = {
-            f"{side.side} side": [_deflections(side)[label] for label in common] for side in result.sides
+            f"{side.side} side": [_deflection_by_label(side)[label] for label in common]
+            for side in result.sides
         }
         title = "Deflection of each configuration that both sides have, mean over the targets"
         charts.insert(0, Chart(title, common, series, 1e3, "mm"))
     return charts
 
 
-def _deflections(side: ComparedSide) -> dict[str, float | None]:
+def _deflection_by_label(side: ComparedSide) -> dict[str, float | None]:
     """Return the measured deflection [m] of each configuration of a side, by label."""
     return dict(zip(side.configurations, side.deflection, strict=True))
 
@@ -398,7 +410,7 @@ def _common_configurations(result: ComparisonResult) -> list[str]:
 
 
 class _Row(Message):
-    """A joint in a run, as a row of the table; a run without numbers has no joint."""
+    """Row of the file `table.csv`: a joint in a run; the only row of a failed run has no joint."""
 
     fit: ComparedRun
     constraint: Constraint
@@ -450,29 +462,29 @@ _RATIOS: Final = {
 def entries_sheet(job: Comparison) -> Sheet:
     """Return the file `table.csv`: a row for each run and joint; a failed run has one row, with its error.
 
-    Unknown numbers are empty cells, and so is the upper end of an interval of stiffness without upper limit.
+    A number that is unknown, or an upper limit that does not exist, is an empty cell.
     """
     rows: list[_Row] = []
-    pairs: list[tuple[JointResult | None, ResampledJoint | None]]
+    pairs: list[tuple[JointResult | None, ResampledJoint | None]]  # each joint, with its resampled fits
     for entry in job.result.entries if job.result else ():
         fit = _Row.model_construct(fit=entry, constraint="positive" if entry.positive else "unconstrained")
         drawn = entry.resampling.joints if entry.resampling else [None] * len(entry.joints)
         pairs = [*zip(entry.joints, drawn, strict=True)] or [(None, None)]
         rows += [fit.model_copy(update={"joint": joint, "drawn": own}) for joint, own in pairs]
     kinds = [None if row.joint is None else row.joint.kind for row in rows]
-    return Sheet.of_joints(Sheet.of_fields(rows, _COLUMNS), kinds)
+    return Sheet.with_joint_kinds(Sheet.from_messages(rows, _COLUMNS), kinds)
 
 
 def ratios_sheet(job: Comparison) -> Sheet:
-    """Return the file `ratios.csv`: a row for each joint with its ratio; empty if one set is compared."""
-    return Sheet.of_fields(job.result.joints if job.result else [], _RATIOS)
+    """Return the file `ratios.csv`: the stiffness ratio of each joint; empty if only one set is compared."""
+    return Sheet.from_messages(job.result.joints if job.result else [], _RATIOS)
 
 
 def configurations_sheet(job: Comparison) -> Sheet:
-    """Return the file `configurations.csv`: measured and residual deflection by configuration and run."""
+    """Return the file `configurations.csv`: deflection and residual of each configuration and run."""
     result = job.result
     sides = {side.side: side for side in (result.sides if result else ())}
-    return Sheet.of_rows(
+    return Sheet.from_rows(
         {
             "side": entry.side,
             "method": entry.method,

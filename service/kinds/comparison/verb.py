@@ -72,10 +72,10 @@ def compare(
     with Follow(on_progress, cancel, executor) as follow:
         door = door.begun(follow)
         chosen = parse_document(merge_options(CampaignComparison, options, fields), CampaignComparison)
-        given = [first] if second is None else [first, second]
+        sources = [first] if second is None else [first, second]
         sets: list[ComparedSet] = []
-        for source, place in zip(given, ("first.", "second."), strict=False):
-            set_id, own = door.measured(source, place if len(given) > 1 else "")
+        for source, place in zip(sources, ("first.", "second."), strict=False):
+            set_id, own = door.measured(source, place if len(sources) > 1 else "")
             own = own or RunOptions()
             # A second campaign is identified with the options of the first; a run keeps its own.
             shared = own if isinstance(source, Run) or not sets else sets[0].options

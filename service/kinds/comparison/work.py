@@ -18,31 +18,32 @@ from jointstiff.schemas.comparison import (
     ComparisonResult,
 )
 from jointstiff.schemas.comparison import Side as SideName
-from jointstiff.schemas.finding import Assessment, Finding, combined
+from jointstiff.schemas.finding import Assessment, Finding, combine_assessments
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Run, RunRequest
-from jointstiff.service.conversion.readings import hash_of
+from jointstiff.service.conversion.readings import hash_texts
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs, MeasuredRun
-from jointstiff.service.runs.verdicts import judged, own_reason
+from jointstiff.service.runs.verdicts import assess_with_run, make_reason
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.comparison.campaigns import FreeEstimate, Side, compare_sides, models_differ
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.causes import fit_causes
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.predict.answers import forward_model
+from jointstiff.solver.predict.answers import build_forward_model
 from jointstiff.solver.predict.models import JointModel
 
 _NO_FIT: Final = Finding(
     code="no_joint_identified",
     weight="do_not_use",
-    message="these readings cannot support any of these methods",
-    remedy="read the error of each method",
+    message="every compared method failed, so no joint stiffness is known",
+    remedy="read the error of each method, and follow its remedy",
 )
 _NOTHING_COMMON: Final = Finding(
     code="no_common_configuration",
     weight="use_with_care",
-    message="no configuration was measured on both sides, so the avoided deflection is a prediction alone",
+    message="no configuration was measured on both sides, so the avoided deflection is predicted, "
+    "not measured",
     remedy="measure some of the same postures under the same load on both sides",
 )
 _OTHER_MODEL: Final = Finding(
@@ -57,39 +58,39 @@ _SIDES: Final[tuple[SideName, SideName]] = ("first", "second")
 
 
 def prepare_comparison(inputs: Inputs, request: ComparisonRequest) -> QuickWork:
-    """Fetch the runs of a request, and return the work that compares them.
+    """Fetch the runs of a request, and return the work that compares these runs.
 
     Raises:
-        RequestError: a run does not exist or has not ended, or the runs are of more than two sets.
+        RequestError: a run does not exist or has not ended, or the runs belong to more than two sets.
     """
     runs = [inputs.run(run_id, f"run_ids[{i}]") for i, run_id in enumerate(request.run_ids)]
     for i, each in enumerate(runs):
         if each.run.result is None and each.run.error is None:
             raise RequestError(
-                f"the run '{each.run.id}' is {each.run.state}",
+                f"the run '{each.run.id}' has no result to compare: its state is {each.run.state}",
                 where=f"run_ids[{i}]",
-                remedy="give runs that have ended",
+                remedy="wait until the run has ended, or give another run",
             )
     sets = list(dict.fromkeys(each.run.request.measurement_set_id for each in runs))
     if len(sets) > len(_SIDES):
         raise RequestError(
-            f"the runs are of {len(sets)} measurement sets",
+            f"the runs belong to {len(sets)} measurement sets, but at most two sets can be compared",
             where="run_ids",
-            remedy="compare runs of one set or of two; the robot's trend shows all its sets",
+            remedy="give runs of one set or of two; the trend of the robot shows all sets",
         )
     options = request.model_dump_json(exclude={"run_ids"})
     return QuickWork(
         result=partial(compare_runs, inputs, request, runs),
-        input_hash=hash_of(*(each.run.provenance.input_hash for each in runs), options),
+        input_hash=hash_texts(*(each.run.provenance.input_hash for each in runs), options),
         robot_id=runs[0].prepared.robot_id,
         details={"measurement_set_id": sets[0], "second_set_id": (*sets, None)[1]},
     )
 
 
 def compare_runs(inputs: Inputs, request: ComparisonRequest, runs: Sequence[MeasuredRun]) -> ComparisonResult:
-    """Compare the runs of one set, or of two sets, and return the result.
+    """Compare the runs of one measurement set, or of two sets, and return the result.
 
-    The first run of each set is the run by which the two sets are compared.
+    Two sets are compared joint by joint with the first run of each set, the leading run.
 
     Raises:
         RequestError: the robots of two sets have different joints, or the runs cannot be compared.
@@ -103,13 +104,12 @@ def compare_runs(inputs: Inputs, request: ComparisonRequest, runs: Sequence[Meas
     sides = [_make_side_message(name, of_side, leading[name].run) for name, of_side in by_side.items()]
     side_of_set = {side.measurement_set_id: side for side in sides}
     verdicts = [each.run.result.assessment for each in runs if each.run.result is not None]
-    warnings: dict[
-        tuple[str, str | None], Finding
-    ] = {}  # only the first warning of each code and place is kept
-    for finding in (finding for each in runs for finding in _warnings(each.run)):
+    # Only the first warning of each code and place is kept.
+    warnings: dict[tuple[str, str | None], Finding] = {}
+    for finding in (finding for each in runs for finding in _list_warnings(each.run)):
         warnings.setdefault((finding.code, finding.where), finding)
     result = ComparisonResult(
-        assessment=combined(verdicts or [Assessment(verdict="do_not_use", reasons=[_NO_FIT])]),
+        assessment=combine_assessments(verdicts or [Assessment(verdict="do_not_use", reasons=[_NO_FIT])]),
         confidence=request.confidence or runs[0].run.request.confidence,
         sides=sides,
         entries=[_make_entry(each.run, side_of_set[each.run.request.measurement_set_id]) for each in runs],
@@ -119,17 +119,17 @@ def compare_runs(inputs: Inputs, request: ComparisonRequest, runs: Sequence[Meas
         warnings=list(warnings.values()),
     )
     if len(by_side) == 1:
-        return result.model_copy(update={"assessment": judged("comparison", [], result.assessment)})
+        return result.model_copy(update={"assessment": assess_with_run("comparison", [], result.assessment)})
     return _add_ratios(inputs, request, by_side, leading, result)
 
 
-def _warnings(run: Run) -> list[Finding]:
+def _list_warnings(run: Run) -> list[Finding]:
     """Return the warnings of a run; none if it has failed."""
     return [] if run.result is None else run.result.warnings
 
 
 def _make_entry(run: Run, side: ComparedSide) -> ComparedRun:
-    """Return the message of a compared run; `left` has its residual [m] at each configuration of the side."""
+    """Return the message of a compared run; its field `left` has the residual [m] of each configuration."""
     result, request = run.result, run.request
     left = {} if result is None else result.mean_lengths("residual")
     return ComparedRun(
@@ -152,7 +152,7 @@ def _make_entry(run: Run, side: ComparedSide) -> ComparedRun:
 
 
 def _make_side_message(name: SideName, runs: Sequence[MeasuredRun], leading: Run) -> ComparedSide:
-    """Return the message of a side: its set, and the measured deflection [m] of each configuration."""
+    """Return the message of a side: set, leading run, and measured deflection [m] of each configuration."""
     results = [each.run.result for each in runs if each.run.result is not None]
     lengths: dict[str, float] = {}
     for result in results:
@@ -176,21 +176,30 @@ def _add_ratios(
     leading: Mapping[SideName, MeasuredRun],
     result: ComparisonResult,
 ) -> ComparisonResult:
-    """Return the result with ratios of stiffnesses, avoided deflection, and the ordered fit of two sides.
+    """Return a copy of `result` with stiffness ratios, avoided deflection and, on request, the ordered fit.
+
+    Args:
+        inputs: fetch measurement sets.
+        request: of the comparison.
+        by_side: all runs of each side.
+        leading: the first run of each side, from which ratios are computed.
+        result: of the comparison so far.
 
     Raises:
         RequestError: a leading run has failed, or the runs cannot be compared.
     """
-    leading_runs = [(name, run, run.run.result) for name, run in leading.items()]
-    failed = next((name for name, _, found in leading_runs if found is None), None)
+    leading_runs = [(name, run.run, run.run.result) for name, run in leading.items()]
+    failed = next((name for name, _, run_result in leading_runs if run_result is None), None)
     if failed is not None:
         raise RequestError(
-            f"the run of the {failed} side has failed", where="run_ids", remedy="read the `error` of the run"
+            f"the run of the {failed} side has failed",
+            where="run_ids",
+            remedy="read the `error` of the run, and give a run that succeeded",
         )
     sides = [_make_solver_side(inputs, leading[name], by_side[name]) for name in _SIDES]
     pair = compare_sides(*sides, confidence=result.confidence, ordered=request.ordered)
     warnings = [
-        _place_finding(finding, name) for name, run, _ in leading_runs for finding in _warnings(run.run)
+        _place_finding(finding, name) for name, run, _ in leading_runs for finding in _list_warnings(run)
     ]
     if models_differ(sides[0].robot, sides[1].robot):
         warnings.append(_OTHER_MODEL)
@@ -204,20 +213,20 @@ def _add_ratios(
                 remedy="measure the same postures under the same load, or give different labels",
             )
         )
-    verdicts = {name: found.assessment for name, _, found in leading_runs if found is not None}
+    verdicts = {name: run_result.assessment for name, _, run_result in leading_runs if run_result is not None}
     assessments = [
         each.model_copy(update={"reasons": [_place_finding(reason, name) for reason in each.reasons]})
         for name, each in verdicts.items()
     ]
-    own = [pair.unit_mistake] if pair.unit_mistake else [] if pair.avoided.matching else [_NOTHING_COMMON]
+    reasons = [pair.unit_mistake] if pair.unit_mistake else [] if pair.avoided.matching else [_NOTHING_COMMON]
     no_ratio = [joint.name for joint in pair.joints if joint.ratio is None]
     if no_ratio:
         message = f"the ratio of stiffnesses is unknown for {', '.join(no_ratio)}"
         remedy = "measure with loads that twist these joints on both sides"
-        own.append(own_reason("numbers_missing", "use_with_care", message, remedy))
+        reasons.append(make_reason("numbers_missing", "use_with_care", message, remedy))
     return result.model_copy(
         update={
-            "assessment": judged("comparison", own, combined(assessments)),
+            "assessment": assess_with_run("comparison", reasons, combine_assessments(assessments)),
             "joints": pair.joints,
             "avoided": pair.avoided,
             "ordered": pair.ordered,
@@ -233,19 +242,20 @@ def _place_finding(finding: Finding, side: SideName) -> Finding:
 
 
 def _make_solver_side(inputs: Inputs, leading: MeasuredRun, runs: Sequence[MeasuredRun]) -> Side:
-    """Return the solver's arrays of a side, from its leading run and its run without constraints.
+    """Return a side for the solver, from its leading run and, for ratios, its run without constraints.
 
     Raises:
-        RequestError: the leading run has elastic links or base, is by own weight, or uses priors.
+        RequestError: the leading run has elastic links or base, was identified by own weight, or uses priors.
     """
     run, prepared = leading.run, leading.prepared
     if run.request.weight is not None or run.request.priors:
-        other = "by own weight" if run.request.weight is not None else "with priors"
+        other = "was identified by own weight" if run.request.weight is not None else "uses priors"
         raise RequestError(
-            f"the run '{run.id}' is {other}: both sets may share its errors, so that they are "
-            "not independent",
+            f"the run '{run.id}' {other}, whose errors may be common to both sets, but the sets must be "
+            "independent",
             where="run_ids",
-            remedy="identify the measurement set by loads without `priors`, and give the new run",
+            remedy="identify the measurement set under external loads and without `priors`, and give the "
+            "new run",
         )
     if run.request.leave_out:
         set_id = run.request.measurement_set_id
@@ -253,7 +263,7 @@ def _make_solver_side(inputs: Inputs, leading: MeasuredRun, runs: Sequence[Measu
     causes = [cause.pair for cause in run.request.causes]
     measurements = fit_causes(prepared.robot, prepared.measurements, causes)
     stiffness = run.result.complementary_stiffness if run.result else None
-    model = _joint_model(run, prepared.robot)
+    model = _rebuild_joint_model(run, prepared.robot)
     return Side(
         robot=prepared.robot,
         measurements=measurements,
@@ -264,18 +274,18 @@ def _make_solver_side(inputs: Inputs, leading: MeasuredRun, runs: Sequence[Measu
     )
 
 
-def _joint_model(run: Run, robot: Robot) -> JointModel:
-    """Return the model of a run in which only joints are elastic.
+def _rebuild_joint_model(run: Run, robot: Robot) -> JointModel:
+    """Rebuild the model of a run, in which only joints are elastic, from the stored result.
 
     Raises:
-        RequestError: links or the base are elastic, too.
+        RequestError: links or the base of the model are elastic, too.
     """
     stored = None if run.result is None else run.result.model
-    model = None if stored is None else forward_model(robot, stored)[0]
+    model = None if stored is None else build_forward_model(robot, stored)[0]
     if not isinstance(model, JointModel):
         raise RequestError(
-            f"two sides are compared by their joints only, but the run '{run.id}' has elasticity "
-            f"{run.elasticity}",
+            f"a comparison of two sides needs runs with elastic joints only, but the run '{run.id}' has "
+            f"elasticity {run.elasticity}",
             where="run_ids",
             remedy="identify the measurement set with elasticity `joints`, and give the new run",
         )
@@ -283,26 +293,26 @@ def _joint_model(run: Run, robot: Robot) -> JointModel:
 
 
 def _find_unconstrained_run(run: Run, runs: Sequence[MeasuredRun]) -> Run:
-    """Return the run from which ratios are computed: a run with the same options but without constraints.
+    """Return the run of `runs` that has the same options as `run`, but no constraints.
 
-    It is the given run itself if no constraint is active, or if there is no other run to use.
+    The answer is `run` itself if no constraint is active in it, or if `runs` has no such run.
     """
     if not has_active_constraint(run):
         return run
     for each in (each.run for each in runs if each.run.result is not None):
         free = all(getattr(each.request, name) == value for name, value in UNCONSTRAINED.items())
-        if free and _options_that_count(each) == _options_that_count(run):
+        if free and _influential_options(each) == _influential_options(run):
             return each
     return run
 
 
 def has_active_constraint(run: Run) -> bool:
-    """Return whether a joint of a run is at a bound: its estimates are then not normally distributed."""
+    """Return whether a joint of a run is at a bound, so that estimates are not normally distributed."""
     return any(joint.status == "at_bound" for joint in (run.result.joints if run.result else ()))
 
 
-def _options_that_count(run: Run) -> dict[str, Any]:
-    """Return the options of a run that influence its estimate, other than constraints."""
+def _influential_options(run: Run) -> dict[str, Any]:
+    """Return the options of a run that influence its estimate, by name, without the constraints."""
     without_influence = {
         "measurement_set_id",
         "variant_of",
@@ -315,31 +325,37 @@ def _options_that_count(run: Run) -> dict[str, Any]:
 
 
 def _make_free_estimate(run: Run, robot: Robot) -> FreeEstimate:
-    """Return a run's estimate without constraints: compliances (n,), their covariance (n, n) by source."""
-    model, result = _joint_model(run, robot), run.result
+    """Return a run's estimate before constraints: n compliances and their covariance (n, n).
+
+    Parts of the covariance, from readings and from assumed errors, are returned separately.
+    """
+    model, result = _rebuild_joint_model(run, robot), run.result
     if result is None:
         raise ValueError("a run without a result has no model")
     joints, likelihood, n = result.joints, model.likelihood, robot.n
     values = [np.nan if joint.compliance is None else joint.compliance for joint in joints]
     compliance = np.array(values, dtype=np.float64)
-    shown, unseen, covariance = np.isfinite(compliance), np.isnan(compliance), np.zeros((n, n))
+    shown, undetermined = np.isfinite(compliance), np.isnan(compliance)
+    covariance = np.zeros((n, n))
     readings: FloatArray | None = None
     assumed: dict[str, FloatArray] = {}
     # The likelihood has the estimate before constraints, of the joints that the readings determine.
     if likelihood is not None and result.budget is not None:
         compliance[likelihood.joints] = likelihood.centre
         compliance[~shown] = np.nan
-        unseen = ~np.isin(np.arange(n), likelihood.joints)
+        undetermined = ~np.isin(np.arange(n), likelihood.joints)
         covariance[np.ix_(likelihood.joints, likelihood.joints)] = likelihood.covariance
         covariance *= np.outer(shown, shown)
         place = np.ix_(np.flatnonzero(shown), np.flatnonzero(shown))
         for part in result.budget.components:
-            spread = np.zeros((n, n))
-            spread[place] = np.outer(part.contributions, part.contributions) * np.array(part.correlation)
+            part_covariance = np.zeros((n, n))
+            part_covariance[place] = np.outer(part.contributions, part.contributions) * np.array(
+                part.correlation
+            )
             if part.source == "readings":
-                readings = spread
+                readings = part_covariance
             elif part.source.startswith("assumed_"):
-                assumed[part.source.removeprefix("assumed_")] = spread
+                assumed[part.source.removeprefix("assumed_")] = part_covariance
     return FreeEstimate(
         compliance=compliance,
         covariance=covariance,
@@ -348,7 +364,7 @@ def _make_free_estimate(run: Run, robot: Robot) -> FreeEstimate:
         sigma=result.sigma,
         degrees_of_freedom=inf if model.degrees_of_freedom is None else model.degrees_of_freedom,
         reasons=[joint.reason for joint in joints],
-        unseen=unseen,
+        unseen=undetermined,
     )
 
 
@@ -359,26 +375,28 @@ def _make_free_estimate(run: Run, robot: Robot) -> FreeEstimate:
 class ComparedSet:
     """A measurement set to be compared, with options of its runs."""
 
-    set_id: str
-    leave_out: Sequence[str]  # labels of observations that its runs omit
-    options: RunOptions  # options of the leading run, by which the set is compared with another
+    set_id: str  # id of the measurement set
+    leave_out: Sequence[str]  # labels of observations that the runs of this set omit
+    options: RunOptions  # options of the leading run, which is compared with that of another set
 
 
 def request_comparison(
     sets: Sequence[ComparedSet], chosen: CampaignComparison, make: Callable[[RunRequest, bool], Run | None]
 ) -> ComparisonRequest:
-    """Make the runs of one set or of two, and return the request that compares them.
+    """Make the runs of one set or of two sets, and return the request that compares these runs.
 
-    Two sets each get a leading run; if a constraint is active in it, also a run without constraints.
+    Each of two sets gets a leading run and, if a constraint is active in the leading run, also a run
+    without constraints.
 
     Args:
         sets: one set to compare methods, or two sets to compare with each other.
         chosen: methods, constraints, resampling.
-        make: identifies a request; its flag says whether the comparison is possible without this run.
+        make: identifies a request, and returns the run or None; the flag is true if the comparison is
+            possible without this run.
     """
     confidence = chosen.confidence or sets[0].options.confidence
     common = {"elasticity": "joints", "confidence": confidence, "resampling": chosen.resampling}
-    table = [
+    method_options = [
         RunOptions(**method.model_dump(), **common, positive=constraint == "positive")
         for method in chosen.methods
         for constraint in chosen.constraints
@@ -389,7 +407,9 @@ def request_comparison(
         # An elasticity that the user names is kept, so that anything but joints is refused later.
         named = {} if stated["elasticity"] == "automatic" else {"elasticity": stated["elasticity"]}
         own = RunOptions.model_validate({**stated, **common, **named})
-        listed = [own, *(other for other in table if other != own)] if len(sets) > 1 else table
+        listed = (
+            [own, *(other for other in method_options if other != own)] if len(sets) > 1 else method_options
+        )
 
         def make_run(options: RunOptions, each: ComparedSet = each, own: RunOptions = own) -> Run | None:
             readings = {"measurement_set_id": each.set_id, "leave_out": list(each.leave_out)}

@@ -21,18 +21,18 @@ _REQUEST_BYTES: Final = 1024 * 1024
 _SHOWN: Final = 500
 """Greatest number of sets in the table of a report, which begins with the sets that need attention."""
 _MOST_JOINTS: Final = 8
-"""Greatest number of joint names for which the table has columns; with more names it has none."""
+"""Greatest number of joint names for which the table has columns; with more names, no joint has a column."""
 _OUTCOMES: Final[dict[FleetOutcome, tuple[str, Style]]] = {
     "failed": ("failed", "bad"),
     "do_not_use": (VERDICTS["do_not_use"], "bad"),
     "use_with_care": (VERDICTS["use_with_care"], "care"),
     "use": (VERDICTS["use"], "good"),
 }
-"""Words of the outcomes, in the order in which they need attention."""
+"""Words and style of each outcome, from the outcome that most needs attention to the best."""
 
 
 def outcome_of_row(row: FleetRow) -> FleetOutcome:
-    """Return the verdict on the row's measurement set, or `failed` if it has none."""
+    """Return the verdict on the row's measurement set, or `failed` if the set was not identified."""
     return row.verdict or "failed"
 
 
@@ -58,7 +58,7 @@ def _report(_job: Fleet, result: FleetResult, view: View) -> Report:
 
 
 def _headline(result: FleetResult) -> Line:
-    """Return a line with the number of sets not to be used; if none, with the number of sets to be used."""
+    """Return a line with the number of sets not to use or, if that is zero, the number of sets to use."""
     total, unusable = len(result.rows), result.counts["do_not_use"]
     failed = f"; {result.counts['failed']:,} failed" if result.counts["failed"] else ""
     if unusable:
@@ -92,11 +92,11 @@ def _stiffness_cell(row: FleetRow, joint: str, unit: StiffnessUnit) -> str:
     stiffness = row.stiffness.get(joint)
     if not stiffness:
         return NO_NUMBER
-    return unit.bare(1.0 / stiffness, row.joint_kinds.get(joint, "revolute"))
+    return unit.format_compliance(1.0 / stiffness, row.joint_kinds.get(joint, "revolute"))
 
 
 class _SheetRow(Message):
-    """A joint of a set, as a row of the table; a set that failed has no joint."""
+    """Row of the file `table.csv`: a joint of a set; the only row of a failed set has no joint."""
 
     set: FleetRow
     detail: str | None
@@ -130,7 +130,7 @@ def sets_sheet(job: Fleet) -> Sheet:
         ]
         rows += [row.model_copy(update=of_joint) for of_joint in numbers or [{}]]
         kinds += [each.joint_kinds.get(name, "revolute") for name in each.stiffness] or [None]
-    return Sheet.of_joints(Sheet.of_fields(rows, _COLUMNS), kinds)
+    return Sheet.with_joint_kinds(Sheet.from_messages(rows, _COLUMNS), kinds)
 
 
 def _compute(inputs: Inputs, request: FleetRequest) -> Work:

@@ -14,31 +14,38 @@ from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.fleet import MAX_SETS, FleetOutcome, FleetRequest, FleetResult, FleetRow
 from jointstiff.schemas.run import RunRequest, RunResult
 from jointstiff.service.conversion.prepared import PreparedSet
-from jointstiff.service.conversion.readings import hash_of
+from jointstiff.service.conversion.readings import hash_texts
 from jointstiff.service.kinds.fleet.kind import outcome_of_row
 from jointstiff.service.kinds.run.work import prepare_identification
-from jointstiff.service.kinds.work import Arrays, Span, Work, cut_into_spans, joined, outcome_of
+from jointstiff.service.kinds.work import (
+    Arrays,
+    Span,
+    Work,
+    compute_outcome,
+    concatenate_steps,
+    cut_into_spans,
+)
 from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.resources.inputs import Inputs, NamedSet
 from jointstiff.solver.errors import JointstiffError, RequestError
 
 SETS_A_STEP: Final = 10
 """Sets in a step, which takes a quarter of a second, if joints alone are identified."""
-_AUTOMATIC: Final = 1
-"""Sets in a step if the elastic model is chosen automatically: elastic links take seconds."""
-_ELSEWHERE: Final = (StoreUnavailableError, MemoryError)
-"""Errors that are not the set's fault: the step is carried out again, here or by another worker."""
+_SETS_A_STEP_AUTOMATIC: Final = 1
+"""Sets in a step if the elastic model is chosen automatically: a set with elastic links takes seconds."""
+_RETRIED_ERRORS: Final = (StoreUnavailableError, MemoryError)
+"""Errors that the set did not cause: the step is carried out again, here or by another worker."""
 
 
 class FleetWork(Work):
-    """The work of a fleet; its units are measurement sets. A single block of quick runs is done at once."""
+    """Work of a fleet, whose units are measurement sets; a single block of quick runs has no steps."""
 
     unit = "sets"
     activity = "identifying"
     robot_id = None
 
     def __init__(self, inputs: Inputs, request: FleetRequest) -> None:
-        """Find the sets, cut them into blocks, and fix their ids in the request that is stored.
+        """Find the sets, cut them into blocks, and write their ids into the request that is stored.
 
         Raises:
             RequestError: a set does not exist, or the fleet has no set, or too many.
@@ -48,23 +55,23 @@ class FleetWork(Work):
         _refuse_count(len(self._sets))
         run = request.run
         self._options = {name: getattr(run, name) for name in run.model_fields_set}
-        # Draws and penalties are steps of a run: a set with many of them is a step of its own.
-        sizes = {"joints": SETS_A_STEP, "automatic": _AUTOMATIC}
+        # Resampling or elastic links make a run slow: then each set is a step of its own.
+        sizes = {"joints": SETS_A_STEP, "automatic": _SETS_A_STEP_AUTOMATIC}
         size = sizes.get(run.elasticity, 1) if run.resampling is None else 1
         self._blocks = cut_into_spans(len(self._sets), size)
-        self.input_hash = hash_of(*(each.content for each in self._sets), run.model_dump_json())
+        self.input_hash = hash_texts(*(each.content for each in self._sets), run.model_dump_json())
         # A request without ids means all robots at this moment: the stored request lists the ids.
         found = [each.id for each in self._sets]
         self.details = {"request": request.model_copy(update={"measurement_set_ids": found})}
 
     def steps(self) -> tuple[Span, ...]:
-        """Return the blocks of sets as steps; none if one block has all sets and their runs take no steps."""
+        """Return a step for each block of sets; no steps if one block has all sets, whose runs are quick."""
         return () if self._is_quick else self._blocks
 
     def compute(self, span: Span) -> Arrays:
-        """Identify the sets of a step; return their rows as bytes of JSON, and the size of each row.
+        """Identify the sets of a step; return their rows as bytes of JSON, and the size of each row in bytes.
 
-        A set that fails is a row with its error.
+        The row of a set that fails has the error.
 
         Raises:
             StoreUnavailableError: the database does not answer.
@@ -77,8 +84,8 @@ class FleetWork(Work):
         }
 
     def conclude(self, parts: Sequence[Arrays]) -> FleetResult:
-        """Return the rows of all sets, and the number of sets by outcome."""
-        table = joined(parts or map(self.compute, self._blocks))
+        """Return the result of the fleet: the rows of all sets, and the number of sets with each outcome."""
+        table = concatenate_steps(parts or map(self.compute, self._blocks))
         ends = np.cumsum(table["sizes"])
         texts = np.split(table["rows"], ends[:-1])
         rows = [FleetRow.model_validate_json(text.tobytes()) for text in texts]
@@ -86,7 +93,7 @@ class FleetWork(Work):
         return FleetResult(counts={name: counts[name] for name in get_args(FleetOutcome)}, rows=rows)
 
     def detach_for_step(self, span: Span) -> FleetWork:
-        """Return work that has the sets of a step in memory: another process cannot use the store."""
+        """Return work with the sets of a step in memory, for another process, which cannot use the store."""
         part, sets = copy(self), self._sets[slice(*span)]
         in_memory = _SetsInMemory.fetch(self._inputs, sets, self._options)
         vars(part).update(_inputs=in_memory, _sets=sets, _first=span[0], details={})
@@ -94,67 +101,69 @@ class FleetWork(Work):
 
     @cached_property
     def _is_quick(self) -> bool:
-        """Return whether the fleet is one block of sets whose runs take no steps."""
+        """True if the fleet is one block of sets whose runs take no steps."""
         return len(self._blocks) == 1 and not any(map(self._takes_steps, self._sets))
 
-    def _takes_steps(self, one: NamedSet) -> bool:
+    def _takes_steps(self, named_set: NamedSet) -> bool:
         """Return whether the identification of a set takes steps."""
         try:
-            return bool(self._prepare_run(one).steps())
+            return bool(self._prepare_run(named_set).steps())
         except JointstiffError:  # `compute` makes a row of this error
             return False
 
-    def _prepare_run(self, one: NamedSet) -> Work:
+    def _prepare_run(self, named_set: NamedSet) -> Work:
         """Return the work that identifies a set with the options of the fleet."""
-        request = RunRequest(measurement_set_id=one.id, **self._options)
+        request = RunRequest(measurement_set_id=named_set.id, **self._options)
         return prepare_identification(self._inputs, request)
 
-    def _identify_set(self, one: NamedSet) -> RunResult:
-        """Identify a set, all steps in this process, and return the result."""
-        run = self._prepare_run(one)
+    def _identify_set(self, named_set: NamedSet) -> RunResult:
+        """Identify a set, with all steps in this process, and return the result."""
+        run = self._prepare_run(named_set)
         result = run.conclude([run.compute(span) for span in run.steps()])
         assert isinstance(result, RunResult)  # noqa: S101 - for mypy: a run has no other result
         return result
 
-    def _identify_as_row(self, one: NamedSet) -> FleetRow:
+    def _identify_as_row(self, named_set: NamedSet) -> FleetRow:
         """Identify a set; return its row, with the result or the error."""
-        result, error = outcome_of(partial(self._identify_set, one), _ELSEWHERE)
-        return _make_row(one, result if isinstance(result, RunResult) else None, error)
+        result, error = compute_outcome(partial(self._identify_set, named_set), _RETRIED_ERRORS)
+        return _make_row(named_set, result if isinstance(result, RunResult) else None, error)
 
 
 class _SetsInMemory:
-    """Measurement sets, or errors by which they cannot be used; replaces `Inputs` in another process."""
+    """Measurement sets by id, or the errors of unusable sets; replaces `Inputs` in another process."""
 
     def __init__(self, sets: Mapping[str, PreparedSet | JointstiffError]) -> None:
         self._sets = sets
 
     @classmethod
     def fetch(cls, inputs: Inputs, sets: Iterable[NamedSet], options: Mapping[str, Any]) -> _SetsInMemory:
-        """Fetch the sets from the store, without the observations that the options leave out."""
+        """Fetch the sets, or their errors, from the store, without observations that `options` leave out."""
         fetched = dict[str, PreparedSet | JointstiffError]()
-        for one in sets:
+        for named_set in sets:
             try:
-                fetched[one.id] = inputs.measured(one.id, "measurement_set_id", options.get("leave_out", ()))
+                fetched[named_set.id] = inputs.measured(
+                    named_set.id, "measurement_set_id", options.get("leave_out", ())
+                )
             except JointstiffError as error:
-                fetched[one.id] = error
+                fetched[named_set.id] = error
         return cls(fetched)
 
     def measured(self, set_id: str, _where: str, _leave_out: Sequence[str] = ()) -> PreparedSet:
-        """Return a set, as `Inputs.measured` does, or raise the error by which it cannot be used."""
+        """Return a set by its id, or raise the error of an unusable set."""
         found = self._sets[set_id]
         if isinstance(found, JointstiffError):
             raise found
         return found
 
 
-def _make_row(one: NamedSet, result: RunResult | None, error: Problem | None) -> FleetRow:
+def _make_row(named_set: NamedSet, result: RunResult | None, error: Problem | None) -> FleetRow:
     """Return the row of a set, with its result, or with the error if the result is None."""
     joints = () if result is None else result.joints
     return FleetRow(
-        measurement_set_id=one.id,
-        measurement_set_name=one.name,
-        robot_id=one.robot_id,
-        robot_name=one.robot_name,
+        measurement_set_id=named_set.id,
+        measurement_set_name=named_set.name,
+        robot_id=named_set.robot_id,
+        robot_name=named_set.robot_name,
         verdict=None if result is None else result.assessment.verdict,
         joint_kinds={} if result is None else result.joint_kinds,
         stiffness={joint.name: joint.stiffness for joint in joints},

@@ -25,9 +25,9 @@ from jointstiff.service.tables.table import (
     Part,
     Sheet,
     Table,
-    concise,
-    number,
-    numbers,
+    format_concise,
+    number_formatter,
+    vector_formatter,
 )
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.text import figure, length_text
@@ -43,16 +43,16 @@ _MILLI, _MICRO = 1e3, 1e6
 
 
 _CONTROLLER_LEVEL = 0.01
-"""Probability below which the controller's angles are reported as not fitting the readings."""
+"""p-value below which the report says that the controller's angles do not fit the readings."""
 _LEAST_PROBABILITY = 1e-6
-"""Smallest probability that is shown; a lower one is shown as this or less."""
+"""Smallest probability that is shown; a smaller probability is shown as this number "or less"."""
 
 
 def report(_job: Geometry, result: GeometryResult, view: View) -> Report:
-    """Return the axes, the links and a summary; `view.details` adds the evidence and the remarks."""
+    """Return the report: axes, links and a summary; `view.details` adds the evidence and notes."""
     parts: list[Part] = [_axes_table(result)]
     if view.details:
-        parts += _evidence(result)
+        parts += _evidence_parts(result)
     if result.links:
         parts.append(_links_table(result.links))
     parts.append(Line("\n".join(f"  {line}" for line in _summary_lines(result, details=view.details))))
@@ -62,8 +62,8 @@ def report(_job: Geometry, result: GeometryResult, view: View) -> Report:
     )
 
 
-def _evidence(result: GeometryResult) -> list[Part]:
-    """Return tables and lines on sweeps, poses, tracker frame, targets, wrist centre and drift."""
+def _evidence_parts(result: GeometryResult) -> list[Part]:
+    """Return the evidence: tables and lines on sweeps, poses, tracker, targets, wrist centre and drift."""
     parts: list[Part] = []
     if result.sweeps:
         parts.append(_sweeps_table(result.sweeps))
@@ -74,7 +74,10 @@ def _evidence(result: GeometryResult) -> list[Part]:
             f"{length_text(poses.rms_residual)} rms of a coordinate"
         ]
         if poses.held_out_rms is not None:
-            lines.append(f"poses left out of the fit are predicted to {length_text(poses.held_out_rms)} rms")
+            lines.append(
+                f"poses that were left out of the fit have a residual of "
+                f"{length_text(poses.held_out_rms)} rms"
+            )
         lines += [f"not determined: {', '.join(names)}" for names in poses.only_together]
         parts.append(Line("\n".join(f"  {line}" for line in lines)))
     parts += [_tracker_frame_table(result), _targets_table(result)]
@@ -86,13 +89,16 @@ def _evidence(result: GeometryResult) -> list[Part]:
 
 
 def _axes_table(result: GeometryResult) -> Table:
-    """Return a table of the joint axes: a point, the direction, and their uncertainties."""
-    axes, micro = result.axes, number(".3g", _MICRO)
+    """Return a table of the joint axes: a point on each axis, its direction, and their uncertainties."""
+    axes, micro = result.axes, number_formatter(".3g", _MICRO)
     points = [axis.point for axis in axes]
     return Table(
         [
             Column("axis", [axis.name for axis in axes], text=True),
-            *(Column(x, [point[i] for point in points], number(".3f", _MILLI)) for i, x in enumerate("xyz")),
+            *(
+                Column(x, [point[i] for point in points], number_formatter(".3f", _MILLI))
+                for i, x in enumerate("xyz")
+            ),
             Column("direction", [axis.direction for axis in axes], _direction_text),
             Column("u", [axis.position_uncertainty for axis in axes], micro, "µm"),
             Column("u", [axis.direction_uncertainty for axis in axes], micro, "µrad"),
@@ -104,20 +110,21 @@ def _axes_table(result: GeometryResult) -> Table:
 
 
 def _direction_text(direction: Sequence[float]) -> str:
-    """Format the components of a direction; adding 0.0 turns −0 into 0."""
+    """Format the components of a direction, such as "+0.00000 +0.00000 +1.00000"."""
+    # Adding 0.0 turns −0 into 0, so that no "-0.00000" is shown.
     return " ".join(f"{round(part, 5) + 0.0:+.5f}" for part in direction)
 
 
 def _sweeps_table(sweeps: Sequence[SweepEvidence]) -> Table:
     """Return a table of the sweeps of single joints: arc, number of positions, scale and residuals."""
-    micro = numbers(".3g", _MICRO, " ")
+    micro = vector_formatter(".3g", _MICRO, " ")
     return Table(
         [
             Column("joint", [sweep.joint for sweep in sweeps], text=True),
             Column("arc", [sweep.arc for sweep in sweeps], lambda arc: f"{degrees(arc):.1f}°"),
             Column("positions", [sweep.positions for sweep in sweeps]),
-            Column("scale", [sweep.angle_scale for sweep in sweeps], number(".5f")),
-            Column("χ²/dof", [sweep.variance_factor for sweep in sweeps], number(".2f")),
+            Column("scale", [sweep.angle_scale for sweep in sweeps], number_formatter(".5f")),
+            Column("χ²/dof", [sweep.variance_factor for sweep in sweeps], number_formatter(".2f")),
             Column("radial", [list(sweep.radial_rms.values()) for sweep in sweeps], micro),
             Column("axial", [list(sweep.axial_rms.values()) for sweep in sweeps], micro),
         ],
@@ -129,14 +136,14 @@ def _sweeps_table(sweeps: Sequence[SweepEvidence]) -> Table:
 
 def _tracker_frame_table(result: GeometryResult) -> Table:
     """Return a table of the transform from the tracker's frame to R0, with its standard uncertainties."""
-    transform, micro = result.transform_tracker_to_base, number(".3g", _MICRO)
+    transform, micro = result.transform_tracker_to_base, number_formatter(".3g", _MICRO)
     covariance = result.transform_covariance
     spread = [None] * 6 if covariance is None else [sqrt(covariance[i][i]) for i in range(6)]
     return Table(
         [
             Column("", list("xyz"), text=True),
-            Column("R", transform.rotation, numbers("+.7f", 1.0, " ")),
-            Column("t", transform.translation, number(".3f", _MILLI)),
+            Column("R", transform.rotation, vector_formatter("+.7f", 1.0, " ")),
+            Column("t", transform.translation, number_formatter(".3f", _MILLI)),
             Column("u shift", spread[:3], micro),
             Column("u turn", spread[3:], micro),
         ],
@@ -162,7 +169,7 @@ def _targets_table(result: GeometryResult) -> Table:
 def _place_in_mm(position: Sequence[float], covariance: Sequence[Sequence[float]] | None) -> list[str]:
     """Format three coordinates [m] in mm, each with the standard uncertainty of its last digits."""
     spread = [None if covariance is None else _MILLI * sqrt(covariance[i][i]) for i in range(3)]
-    return [concise(_MILLI * part, u, ".4f") for part, u in zip(position, spread, strict=True)]
+    return [format_concise(_MILLI * part, u, ".4f") for part, u in zip(position, spread, strict=True)]
 
 
 def _wrist_parts(wrist: WristResult) -> list[Part]:
@@ -179,7 +186,7 @@ def _wrist_parts(wrist: WristResult) -> list[Part]:
         caption="in mm, with the standard uncertainty of the last digits; weight in the combined centre",
     )
     lines = [
-        f"{pair.first} and {pair.second} are {_MICRO * pair.distance:.1f} µm apart (by chance: "
+        f"{pair.first} and {pair.second} are {_MICRO * pair.distance:.1f} µm apart (p-value "
         f"{pair.probability:.2g})"
         for pair in wrist.distances
     ]
@@ -187,7 +194,7 @@ def _wrist_parts(wrist: WristResult) -> list[Part]:
 
 
 def _axes_miss_text(wrist: WristResult) -> str:
-    """Describe how far the last three axes miss each other, and whether the decoupled method applies."""
+    """Describe the distance between the last three axes, and whether the decoupled method applies."""
     applies = "applies" if wrist.decoupled_method else "does not apply"
     return (
         f"the last three axes miss each other by {_MICRO * wrist.miss_distance:.1f} ± "
@@ -222,9 +229,9 @@ def _identified_text(link: LinkComparison) -> str:
 
 
 def _difference_text(link: LinkComparison) -> str:
-    """Format the difference of identified and nominal size in mm or mrad, with its uncertainty."""
+    """Format identified minus nominal size in mm or mrad, with its uncertainty; a dash if unknown."""
     u = link.standard_uncertainty
-    return NO_NUMBER if u is None else concise(_MILLI * link.difference, u and _MILLI * u, ".4f")
+    return NO_NUMBER if u is None else format_concise(_MILLI * link.difference, u and _MILLI * u, ".4f")
 
 
 def _drift_line(drift: Drift) -> Line:
@@ -234,12 +241,12 @@ def _drift_line(drift: Drift) -> Line:
     verdict = "beyond noise" if drift.significant else "within noise"
     return Line(
         f"  base targets: moved by {_MICRO * size:.1f} µm at the robot and turned by "
-        f"{_MICRO * turn:.1f} µrad, {verdict} (by chance: {drift.probability:.2g})"
+        f"{_MICRO * turn:.1f} µrad, {verdict} (p-value {drift.probability:.2g})"
     )
 
 
 def _summary_lines(result: GeometryResult, *, details: bool) -> list[str]:
-    """Return lines on sigma, the fit of all sweeps, the controller's angles and the wrist centre."""
+    """Return lines on sigma, the fit of all sweeps, the controller's angles, and the wrist centre."""
     lines = [
         f"sigma of a coordinate {_MICRO * result.sigma:.1f} µm ({result.sigma_source}), χ²/dof "
         f"{result.variance_factor:.2f} with {result.degrees_of_freedom} degrees of freedom"
@@ -263,22 +270,22 @@ def _summary_lines(result: GeometryResult, *, details: bool) -> list[str]:
 
 
 def _fit_probability(probability: float) -> str:
-    """Describe the probability of a worse fit by noise alone, the p-value of the fit."""
+    """Describe the p-value of a fit: the probability that noise alone gives a worse fit."""
     percent = figure(100.0 * max(probability, _LEAST_PROBABILITY), ".1g")
     or_less = " or less" if probability < _LEAST_PROBABILITY else ""
     return f"noise alone gives a worse fit with probability {percent} %{or_less}"
 
 
 def charts(result: GeometryResult) -> list[Chart]:
-    """Return a chart of the position uncertainty of each axis."""
+    """Return a chart of each axis's standard uncertainty of position, across the axis."""
     names = [axis.name for axis in result.axes]
     series = {"position": [axis.position_uncertainty for axis in result.axes]}
     return [Chart("Standard uncertainty across each axis", names, series, _MICRO, "µm", "axes")]
 
 
 def axes_sheet(geometry: Geometry) -> Sheet:
-    """Return the file `axes.csv`: a row for each axis; empty without result."""
-    return Sheet.of_fields(geometry.result.axes if geometry.result else [], _AXES)
+    """Return the file `axes.csv`: a row for each axis; empty if the job has no result."""
+    return Sheet.from_messages(geometry.result.axes if geometry.result else [], _AXES)
 
 
 _AXES: Final = {
@@ -294,17 +301,17 @@ def compute(inputs: Inputs, request: GeometryRequest) -> Work:
     """Check robot and readings, and return the work that identifies the geometry.
 
     Raises:
-        RequestError: the robot does not exist or cannot be used, or the readings contradict each other or the
-            nominal model.
+        RequestError: the robot is missing, does not exist or cannot be used; or the readings contradict each
+            other or the nominal model.
     """
     from jointstiff.service.conversion.geometry import to_poses, to_sweeps
     from jointstiff.service.conversion.prepared import prepare_robot
-    from jointstiff.service.conversion.readings import hash_of
+    from jointstiff.service.conversion.readings import hash_texts
     from jointstiff.service.kinds.work import QuickWork, as_request_errors
 
     if request.poses is not None and not request.has_robot:
         raise RequestError(
-            "poses calibrate a nominal robot model, but the request has none",
+            "poses calibrate a nominal robot model, but the request has no robot",
             where="robot_id",
             remedy="give `robot_id` or `robot`",
         )
@@ -320,18 +327,18 @@ def compute(inputs: Inputs, request: GeometryRequest) -> Work:
             readings = to_poses(request, nominal)
         else:
             readings = to_sweeps(request, nominal)
-    # The hash is of inputs that influence the result: names and ids do not.
+    # Only inputs that influence the result are hashed: names and ids do not influence it.
     options = request.model_dump_json(exclude={"robot_id": True, "name": True, "robot": {"name"}})
     return QuickWork(
         result=lambda: _identify(request, readings, nominal),
-        input_hash=hash_of(robot_hash, options),
+        input_hash=hash_texts(robot_hash, options),
         robot_id=request.robot_id,
         details={"name": request.name},
     )
 
 
 def _identify(request: GeometryRequest, readings: SweepSet | Poses, robot: Robot | None) -> GeometryResult:
-    """Identify the geometry from sweeps, or from poses with the robot's nominal model; return the result."""
+    """Identify the geometry from sweeps, or from poses and the robot's nominal model; return the result."""
     from jointstiff.service.conversion.geometry import to_conventions
     from jointstiff.service.conversion.prepared import to_base_targets
     from jointstiff.service.kinds.work import as_request_errors

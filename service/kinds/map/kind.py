@@ -24,9 +24,9 @@ from jointstiff.service.tables.table import (
     Line,
     Part,
     Table,
-    ends,
-    number,
-    numbers,
+    interval_formatter,
+    number_formatter,
+    vector_formatter,
 )
 from jointstiff.solver.text import figure, posture_text
 
@@ -80,7 +80,7 @@ _REASONS: Final[Mapping[PlaceStatus, str]] = {
 
 
 def _report(job: Map, result: MapResult, _view: View) -> Report:
-    """Return the number of places without answer, quantiles of the deflection, and the extreme places."""
+    """Return counts of places without posture, quantiles of the deflection, and worst and stiffest place."""
     counts = result.counts
     unanswered = ", ".join(f"{counts[name]} {reason}" for name, reason in _REASONS.items() if counts[name])
     lines = [unanswered or f"all {result.places} places reached"]
@@ -103,17 +103,19 @@ def _extremes_table(
     places: tuple[MapPlace, MapPlace], confidence: float, kinds: Sequence[JointKind]
 ) -> Table:
     """Return a table of the worst and the stiffest place: posture, deflection, intervals, compliance."""
-    micro, joints = number(".3g", 1e6), [each.joints for each in places]
-    posture = Column("controller's angles", [[*map(degrees, each)] for each in joints], numbers(".1f"), "°")
+    micro, joints = number_formatter(".3g", 1e6), [each.joints for each in places]
+    posture = Column(
+        "controller's angles", [[*map(degrees, each)] for each in joints], vector_formatter(".1f"), "°"
+    )
     if kinds:
         posture = Column("controller's joints", [posture_text(each, kinds, 1) for each in joints], text=True)
-    interval = ends(".3g", 1e6)
+    interval = interval_formatter(".3g", 1e6)
     return Table(
         [
             Column("", ["worst place", "stiffest place"], text=True),
-            Column("place", [each.position for each in places], numbers(".0f", 1e3), "mm"),
+            Column("place", [each.position for each in places], vector_formatter(".0f", 1e3), "mm"),
             posture,
-            Column("deflection", [each.deflection for each in places], number(".4g", 1e6), "µm"),
+            Column("deflection", [each.deflection for each in places], number_formatter(".4g", 1e6), "µm"),
             Column("readings only", [each.readings_only for each in places], interval, "µm"),
             Column("with model error", [each.with_model_error for each in places], interval, "µm"),
             Column("compliance along", [each.compliance_along for each in places], micro, "µm/N"),
@@ -133,9 +135,9 @@ def charts(result: MapResult) -> list[Chart]:
 
 
 def area(sheet: Sheet) -> Area:
-    """Return the plane slice of a map that `plot` draws, with the greatest deflection.
+    """Return the plane slice through the greatest deflection of a map, which `plot` draws.
 
-    The slice is normal to the axis along which the map has the fewest places.
+    The slice is normal to the axis of R0 along which the map has the fewest places.
     """
     places = {axis: [1e3 * float(value) for value in sheet.columns[f"{axis} [m]"]] for axis in "xyz"}
     values = [float("nan") if value is None else float(value) for value in sheet.columns["deflection [m]"]]

@@ -11,18 +11,22 @@ import numpy as np
 from jointstiff.schemas.deflection import MAX_PLACES, MAX_POSES, MapOptions, MapRequest, MapResult
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.run import Run
-from jointstiff.service.conversion.readings import hash_of
-from jointstiff.service.conversion.robots import kinds_of, refuse_far_point, refuse_other_angles
-from jointstiff.service.kinds.work import Arrays, Span, Work, cut_into_spans, joined
+from jointstiff.service.conversion.readings import hash_texts
+from jointstiff.service.conversion.robots import (
+    joint_kinds_by_name,
+    refuse_far_point,
+    refuse_wrong_joint_count,
+)
+from jointstiff.service.kinds.work import Arrays, Span, Work, concatenate_steps, cut_into_spans
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import (
     RunModel,
-    accepted_run,
-    judged,
-    of_campaign,
-    of_deflection,
-    of_missing,
-    of_points,
+    assess_with_run,
+    find_accepted_run,
+    find_beyond_campaign,
+    find_far_points,
+    find_implausible_deflection,
+    find_missing_numbers,
 )
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.arrays import FloatArray
@@ -33,21 +37,21 @@ from jointstiff.solver.predict.answers import (
     STATUSES,
     DeflectionMap,
     MapTask,
-    map_numbers,
+    compute_tool_rotations,
     map_places,
-    tool_rotations,
+    summarise_map,
 )
 
 POSES_A_STEP: Final = 10_000
 """Postures (places times orientations) in a step, which takes a quarter of a second."""
 _ELASTIC: Final = 5
-"""Cost of a posture with elastic links, in time and memory, relative to one with elastic joints alone."""
+"""Factor of time and memory for a posture if links are elastic, relative to elastic joints alone."""
 _LEAST_LENGTH: Final = 1e-9
 """Length below which a direction counts as the zero vector."""
 
 
 class MapWork(Work):
-    """The work of a map; its units are places. A map of a single block is done at once."""
+    """Work of a map, whose units are places; a map of a single block of places has no steps."""
 
     unit = "places"
     activity = "mapping"
@@ -61,8 +65,8 @@ class MapWork(Work):
         self.robot_id = robot_id
         self.robot, self.request = robot, request
         options = request.model_dump_json(exclude={"run_id", "name"})
-        self.input_hash = hash_of(run.provenance.input_hash, options)
-        self._used = RunModel.of(robot, run, absolute=request.absolute)
+        self.input_hash = hash_texts(run.provenance.input_hash, options)
+        self._run_model = RunModel.from_run(robot, run, absolute=request.absolute)
         self._task, self.places = make_map_task(request, robot), make_grid(request)
         try:
             self._inverse = InverseKinematics(robot, self._task.near)
@@ -70,62 +74,67 @@ class MapWork(Work):
             raise RequestError(error.reason, where="run_id", remedy=error.remedy) from error
 
     def steps(self) -> tuple[Span, ...]:
-        """Return the blocks of places as steps; none if one block has all places."""
+        """Return a step for each block of places; no steps if one block has all places."""
         blocks = self._blocks()
         return blocks if len(blocks) > 1 else ()
 
     def compute(self, span: Span) -> Arrays:
-        """Compute posture, deflection and compliance at the places of a step; return the columns by name.
+        """Return columns by name: posture, deflection and compliance at each place of a step.
 
         Raises:
             JointstiffError: the springs have no stable equilibrium under the load.
         """
         places = self.places[slice(*span)]
-        return vars(map_places(self._used.model, self._used.error, self._task, self._inverse, places))
+        return vars(
+            map_places(self._run_model.model, self._run_model.error, self._task, self._inverse, places)
+        )
 
     def conclude(self, parts: Sequence[Arrays]) -> MapResult:
         """Return the summary of the map, from the columns of all steps.
 
         Raises:
-            JointstiffError: as `compute` does.
+            JointstiffError: the springs have no stable equilibrium under the load.
         """
-        table, used = DeflectionMap(**joined(parts)) if parts else self.table, self._used
+        table, used = DeflectionMap(**concatenate_steps(parts)) if parts else self.table, self._run_model
         tool = self._task.rotation @ _unit_vector(self.request.tool_axis, "tool_axis")
-        numbers = map_numbers(table, self.places, tool)
+        numbers = summarise_map(table, self.places, tool)
         return MapResult(
-            assessment=judged("map", self._reasons(numbers), used.result.assessment),
-            joint_kinds=kinds_of(self.robot),
+            assessment=assess_with_run("map", self._reasons(numbers), used.result.assessment),
+            joint_kinds=joint_kinds_by_name(self.robot),
             model_error_postures=used.postures,
             remarks=used.remarks(self.request.confidence),
             **numbers,
         )
 
     def _reasons(self, numbers: Mapping[str, Any]) -> list[Finding]:
-        """Return the reasons against use of the map, in addition to the reasons against its run."""
+        """Return the reasons not to use the map, or to use it with care, besides the reasons of its run."""
         counts, places, worst = numbers["counts"], numbers["places"], numbers["worst"]
         return [
-            *of_deflection(None if worst is None else worst.deflection, self._used.result),
-            *of_missing(places - counts["reached"], places, "places", unseen=counts["unseen_joint"] > 0),
-            *of_points([self.request.place, self.request.load_point]),
-            *of_campaign(numbers["extrapolated"], places, "places"),
+            *find_implausible_deflection(None if worst is None else worst.deflection, self._run_model.result),
+            *find_missing_numbers(
+                places - counts["reached"], places, "places", unseen=counts["unseen_joint"] > 0
+            ),
+            *find_far_points([self.request.place, self.request.load_point]),
+            *find_beyond_campaign(numbers["extrapolated"], places, "places"),
         ]
 
     @cached_property
     def table(self) -> DeflectionMap:
-        """Table of all places, with the same numbers whenever it is computed, because a run never changes."""
-        return DeflectionMap(**joined(map(self.compute, self._blocks())))
+        """Table of all places; every computation gives the same numbers, because a run never changes."""
+        return DeflectionMap(**concatenate_steps(map(self.compute, self._blocks())))
 
     def sheet(self) -> Sheet:
-        """Return the table of all places for files, units in headers; NaN where a place has no answer."""
+        """Return the sheet of all places, for files: units in headers, NaN for a place without posture."""
         table, request = self.table, self.request
+        # Orientations are numbered direction by direction, with `turns` orientations each.
         direction, turn = np.divmod(table.orientation, request.turns)
-        posed = ~np.isnan(table.joints[:, 0])
+        has_posture = ~np.isnan(table.joints[:, 0])
         columns = {"status": np.array(STATUSES)[table.status]}
         columns |= {f"{axis} [m]": self.places[:, i] for i, axis in enumerate("xyz")}
-        columns["direction"] = np.where(posed, direction, np.nan)
-        columns["turn"] = np.where(posed, turn, np.nan)
+        columns["direction"] = np.where(has_posture, direction, np.nan)
+        columns["turn"] = np.where(has_posture, turn, np.nan)
         for j, (name, kind) in enumerate(zip(self.robot.joint_names, self.robot.joint_kinds, strict=True)):
-            # a prismatic joint may be called x, as a column of the place is
+            # The name of a prismatic joint may be "x", which is also the name of a column of the place.
             header = f"joint {name} [m]" if kind == "prismatic" else f"{name} [rad]"
             columns[header] = table.joints[:, j]
         columns |= {f"d{axis} [m]": table.displacement[:, i] for i, axis in enumerate("xyz")}
@@ -142,8 +151,8 @@ class MapWork(Work):
         return Sheet(columns, texts=frozenset({"status"}), digits=".10g")
 
     def _blocks(self) -> tuple[Span, ...]:
-        """Return the places, cut into spans of as many as take a quarter of a second."""
-        poses = POSES_A_STEP // _ELASTIC if self._used.model.first_order else POSES_A_STEP
+        """Cut the places into spans that each take about a quarter of a second, and return the spans."""
+        poses = POSES_A_STEP // _ELASTIC if self._run_model.model.first_order else POSES_A_STEP
         size = max(1, poses // len(self._task.rotation))
         return cut_into_spans(len(self.places), size)
 
@@ -154,7 +163,7 @@ def prepare_map(inputs: Inputs, request: MapRequest) -> MapWork:
     Raises:
         RequestError: the run does not exist, has no model for predictions, or does not fit the request.
     """
-    run = accepted_run(inputs, request.run_id, request.accept_verdict)
+    run = find_accepted_run(inputs, request.run_id, request.accept_verdict)
     return MapWork(run.prepared.robot, run.prepared.robot_id, run.run, request)
 
 
@@ -167,9 +176,9 @@ def make_grid(request: MapOptions) -> FloatArray:
     least, greatest = (np.array(corner) for corner in request.area)
     if (least > greatest).any():
         raise RequestError(
-            "the first corner of the box exceeds the second",
+            "a coordinate of the first corner is greater than that of the second corner",
             where="area",
-            remedy="give the least corner first",
+            remedy="give the corner with the smaller x, y and z first",
         )
     places = int(np.prod(request.grid))
     poses = places * len(request.directions) * request.turns
@@ -191,7 +200,7 @@ def make_grid(request: MapOptions) -> FloatArray:
 
 
 def make_map_task(request: MapOptions, robot: Robot) -> MapTask:
-    """Return the task that is solved at each place: tool orientations, load, direction, limits, posture.
+    """Return the task to solve at each place: tool orientations, load, direction, joint limits, posture.
 
     Raises:
         RequestError: a direction has no length, the load is missing, limits or angles do not fit the robot's
@@ -212,14 +221,14 @@ def make_map_task(request: MapOptions, robot: Robot) -> MapTask:
     for name, (least, greatest) in request.limits.items():
         if least > greatest:
             raise RequestError(
-                "the least angle exceeds the greatest",
+                "the lower limit of the joint is greater than the upper limit",
                 where=f"limits.{name}",
-                remedy="give the least angle first",
+                remedy="give the lower limit first",
             )
         limits[robot.joint_index(name, f"limits.{name}")] = least, greatest
     if request.near is not None:
-        refuse_other_angles(robot, request.near, "near")
-    rotation = tool_rotations(
+        refuse_wrong_joint_count(robot, request.near, "near")
+    rotation = compute_tool_rotations(
         _unit_vector(request.tool_axis, "tool_axis"),
         np.array([_unit_vector(each, f"directions[{i}]") for i, each in enumerate(request.directions)]),
         request.turns,
@@ -241,7 +250,11 @@ def make_map_task(request: MapOptions, robot: Robot) -> MapTask:
 
 
 def _unit_vector(vector: Sequence[float], where: str) -> FloatArray:
-    """Return a vector divided by its length; refuse the zero vector, which the request has at `where`."""
+    """Return a vector (3,) divided by its length.
+
+    Raises:
+        RequestError: the vector, the request's field `where`, is zero.
+    """
     array = np.array(vector, dtype=np.float64)
     length = float(np.linalg.norm(array))
     if length < _LEAST_LENGTH:

@@ -19,7 +19,7 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.kinds.kind import READINGS_BYTES, File, Kind
 from jointstiff.service.tables.report import Report, View
-from jointstiff.service.tables.table import Chart, Column, Line, Sheet, Table, number
+from jointstiff.service.tables.table import Chart, Column, Line, Sheet, Table, number_formatter
 from jointstiff.solver.text import figure, length_text
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _DOWN: Final = -0.9999
 """Component along z of R0 below which a unit vector counts as pointing down."""
 _TIGHT: Final = 0.3
-"""Certified efficiency below which the bound is poor rather than the list, as with many parameters."""
+"""Certified efficiency below which the bound, not the list, is probably poor, as with many parameters."""
 _CRITERIA = {
     "relative_a": "relative uncertainty of the joints",
     "work_area": "predictions in the work area",
@@ -51,12 +51,14 @@ def report(job: Plan, result: PlanResult, view: View) -> Report:
     ]
     if result.goal_share is not None:
         lines.append(
-            f"{len(result.readings)} readings are the fewest that meet the goal: their uncertainty is "
-            f"{result.goal_share:.2f} of the goal's, by the noise of the readings"
+            f"{len(result.readings)} readings are the fewest that meet the goal: the noise of the readings "
+            f"gives {result.goal_share:.2f} of the uncertainty that the goal allows"
         )
     blocks = max((each.block for each in result.readings), default=1)
     if blocks > 1:
-        lines.append(f"{blocks} blocks: you can stop after any of them, and still have a good plan")
+        lines.append(
+            f"the list has {blocks} blocks: you can stop after any block, and still have a good plan"
+        )
     if result.elastic_links:
         lines.append("the plan allows for elastic links, because joints alone do not explain the deflection")
     if result.deflection_uncertainty is not None and result.worst_deflection_uncertainty is not None:
@@ -66,24 +68,27 @@ def report(job: Plan, result: PlanResult, view: View) -> Report:
         )
     if job.request.measurement_set_id is not None:
         lines.append(
-            "the list has only the new readings, but the predicted uncertainties also use those of the "
-            "campaign so far: identify both together, as in the campaign to fill in"
+            "the list has only the new readings, but the predicted uncertainties also use the readings "
+            "of the campaign so far: identify old and new readings together"
         )
-    readings = _readings(job, result, boxes=view.details)
+    readings = _readings_table(job, result, boxes=view.details)
     return Report([_joints_table(result), readings, *map(Line, lines)])
 
 
 def _joints_table(result: PlanResult) -> Table:
-    """Return a table of each joint's uncertainty after the plan and now; empty for joints left out."""
+    """Return a table of each joint's uncertainty after the plan and now.
+
+    Cells are empty for joints that no load of the plan twists.
+    """
     joints, empty = result.joints, [None] * len(result.left_out)
     columns = [
         Column("joint", [*(joint.name for joint in joints), *result.left_out], text=True),
         Column("plan", [*(_uncertainty_cell(joint, joint.standard_uncertainty) for joint in joints), *empty]),
         Column("now", [*(_uncertainty_cell(joint, joint.before) for joint in joints), *empty]),
     ]
-    caption = "by the noise of the readings, the bounds of the masses and the geometry"
+    caption = "from the noise of the readings, the bounds of the masses and the geometry"
     if any(any(each.force) for each in result.readings):
-        caption = "by the noise of the readings alone; model error comes on top"
+        caption = "from the noise of the readings alone; model error is not included"
     title = "Predicted standard uncertainty of each stiffness"
     if all(joint.relative is None for joint in joints):
         title = "Predicted standard uncertainty of each compliance"
@@ -93,17 +98,18 @@ def _joints_table(result: PlanResult) -> Table:
 
 
 def _relative_uncertainty(joint: PlannedJoint, uncertainty: float | None) -> float | None:
-    """Return an uncertainty of a compliance relative to the compliance; None if either is unknown.
+    """Return the relative uncertainty of a joint's compliance, which is also that of its stiffness.
 
-    The stiffness has the same relative uncertainty.
+    `uncertainty` is of the compliance; None if it or the compliance is unknown.
     """
     if uncertainty is None or joint.relative is None:
         return None
+    # `relative` belongs to `standard_uncertainty`: their ratio is 1 / compliance.
     return joint.relative * uncertainty / joint.standard_uncertainty
 
 
 def _uncertainty_cell(joint: PlannedJoint, uncertainty: float | None) -> str | None:
-    """Format an uncertainty in % of the compliance, or as a compliance if the joint's is unknown."""
+    """Format an uncertainty in % of the compliance, or in units of compliance if that is unknown."""
     share = _relative_uncertainty(joint, uncertainty)
     if share is not None:
         return f"{figure(100 * share, '.2g')} %"
@@ -111,15 +117,15 @@ def _uncertainty_cell(joint: PlannedJoint, uncertainty: float | None) -> str | N
     return None if uncertainty is None else f"{figure(1e9 * uncertainty, '.3g')} {unit}"
 
 
-def _readings(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
-    """Return the table of readings: posture, force, direction; with `boxes`, columns to tick on paper."""
+def _readings_table(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
+    """Return the table of readings: posture, force, direction; `boxes` adds columns to tick on paper."""
     readings = result.readings
     gauged = any(each.direction is not None for each in readings)
     prismatic, blocks = _prismatic_joints(result), max((each.block for each in readings), default=1)
     angles = [
-        Column(name, [1e3 * each.joints[j] for each in readings], number(".1f"), "mm")
+        Column(name, [1e3 * each.joints[j] for each in readings], number_formatter(".1f"), "mm")
         if j in prismatic
-        else Column(name, [degrees(each.joints[j]) for each in readings], number(".1f"), "°")
+        else Column(name, [degrees(each.joints[j]) for each in readings], number_formatter(".1f"), "°")
         for j, name in enumerate(_joint_names(result))
     ]
     ticks = [Column(name, ["[   ]"] * len(readings), text=True) for name in ("unloaded", "loaded")]
@@ -128,18 +134,18 @@ def _readings(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
             Column("reading", [each.label for each in readings], text=True),
             *([Column("block", [str(each.block) for each in readings], text=True)] if blocks > 1 else []),
             *angles,
-            Column("force", [hypot(*each.force) for each in readings], number(".0f"), "N"),
-            Column("direction", [_force_direction(job, each) for each in readings], text=True),
+            Column("force", [hypot(*each.force) for each in readings], number_formatter(".0f"), "N"),
+            Column("direction", [_force_direction_text(job, each) for each in readings], text=True),
             *(
-                [Column("read along", [_gauge_direction(each) for each in readings], text=True)]
+                [Column("read along", [_gauge_direction_text(each) for each in readings], text=True)]
                 if gauged
                 else []
             ),
             *(ticks if boxes else []),
         ],
         title="Readings, in order",
-        caption=f"v…: held out, to judge the model. Targets: {', '.join(result.targets)}. "
-        f"Load point in the flange frame: {_millimetres(result.load_point)} mm",
+        caption=f"v…: readings to validate the model, not to fit it. Targets: {', '.join(result.targets)}. "
+        f"Load point in the flange frame: {_position_text(result.load_point)} mm",
         plain=True,
     )
 
@@ -150,7 +156,7 @@ def _prismatic_joints(result: PlanResult) -> list[int]:
 
 
 def _joint_names(result: PlanResult) -> list[str]:
-    """Return the names of all joints; numbers if a plan without `joint_kinds` does not name them all."""
+    """Return the names of all joints, or "axis 1" and so on if a stored plan does not name every joint."""
     if result.joint_kinds:
         return list(result.joint_kinds)
     known = [joint.name for joint in result.joints]
@@ -158,38 +164,41 @@ def _joint_names(result: PlanResult) -> list[str]:
     return known if len(known) == count else [f"axis {j + 1}" for j in range(count)]
 
 
-def _force_direction(job: Plan, reading: PlannedReading) -> str:
-    """Describe the direction of a force: the anchor of a cable, own weight, down, or components in R0."""
+def _force_direction_text(job: Plan, reading: PlannedReading) -> str:
+    """Describe the direction of a reading's force: to a cable's anchor, own weight, down, or a vector."""
     if reading.anchor is not None and isinstance(job.request.load, Cable):
-        return f"to anchor {reading.anchor + 1}, {_millimetres(job.request.load.anchors[reading.anchor])} mm"
+        return (
+            f"to anchor {reading.anchor + 1}, {_position_text(job.request.load.anchors[reading.anchor])} mm"
+        )
     size = hypot(*reading.force)
     if not size:
         return "own weight"
     unit = [part / size for part in reading.force]
-    return "down" if unit[2] < _DOWN else _components(unit)
+    return "down" if unit[2] < _DOWN else _vector_text(unit)
 
 
-def _gauge_direction(reading: PlannedReading) -> str:
-    """Describe the direction of a gauge as `import` reads it: an axis of R0 such as "z", or components."""
+def _gauge_direction_text(reading: PlannedReading) -> str:
+    """Return a gauge's direction as text that `import` reads: an axis of R0 such as "z", or components."""
     direction = reading.direction or (0.0, 0.0, 0.0)
+    # −`_DOWN` is just below 1: such a component is along its axis.
     axis = next((axis for axis, part in zip("xyz", direction, strict=True) if abs(part) > -_DOWN), None)
-    return axis or _components(direction)
+    return axis or _vector_text(direction)
 
 
-def _components(unit: Sequence[float]) -> str:
-    """Format the components of a unit vector."""
+def _vector_text(unit: Sequence[float]) -> str:
+    """Format the components of a unit vector, such as "x +0.50  y +0.00  z -0.87"."""
     return "  ".join(f"{axis} {part:+.2f}" for axis, part in zip("xyz", unit, strict=True))
 
 
-def _millimetres(position: Sequence[float]) -> str:
-    """Format the coordinates of a position [m] in mm."""
+def _position_text(position: Sequence[float]) -> str:
+    """Format the coordinates of a position [m] in mm, such as "-60, 20, 180"."""
     return ", ".join(f"{1e3 * part:.0f}" for part in position)
 
 
 def readings_sheet(plan: Plan) -> Sheet:
-    """Return the file `readings.csv`: the list of readings with empty columns for the measured positions.
+    """Return the file `readings.csv`: the planned readings with empty columns for measured positions.
 
-    When the columns are filled in, `jointstiff import` reads the file.
+    When these columns are filled in, `jointstiff import` reads the file.
     """
     result = plan.result
     if result is None:
@@ -199,7 +208,9 @@ def readings_sheet(plan: Plan) -> Sheet:
         f"joint_{j + 1} [{'mm' if j in prismatic else 'deg'}]" for j in range(len(result.readings[0].joints))
     ]
     point_names = [f"load point {axis} [mm]" for axis in "xyz"]
-    gauge_axes = {axis for each in result.readings if (axis := _gauge_direction(each)) in ("x", "y", "z")}
+    gauge_axes = {
+        axis for each in result.readings if (axis := _gauge_direction_text(each)) in ("x", "y", "z")
+    }
     gauged = any(each.direction is not None for each in result.readings)
     states = ("along",) if gauged else ("unloaded", "loaded")
     empty = [
@@ -208,7 +219,7 @@ def readings_sheet(plan: Plan) -> Sheet:
         for state in states
         for axis in (sorted(gauge_axes) if gauged else "xyz")
     ]
-    return Sheet.of_rows(
+    return Sheet.from_rows(
         {
             "label": each.label,
             **{
@@ -219,7 +230,7 @@ def readings_sheet(plan: Plan) -> Sheet:
             **{name: round(1e3 * part, 3) for name, part in zip(point_names, result.load_point, strict=True)},
             "anchor": None if each.anchor is None else each.anchor + 1,
             "validation": int(each.held_out),
-            **({"remark": f"read along {_gauge_direction(each)}"} if gauged else {}),
+            **({"remark": f"read along {_gauge_direction_text(each)}"} if gauged else {}),
             **dict.fromkeys(empty),
         }
         for each in result.readings
@@ -227,7 +238,7 @@ def readings_sheet(plan: Plan) -> Sheet:
 
 
 def campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> dict[str, Any]:
-    """Return a campaign's JSON object with the planned readings; the measured positions are still null."""
+    """Return the JSON object of a campaign with the planned readings, whose positions are still null."""
     options, result = plan.request, plan.result
     robot = source.robot if isinstance(source, Campaign) else source
     encoders = source.measurement_set.encoders if isinstance(source, Campaign) else "motor"
@@ -262,7 +273,7 @@ def campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> dict[st
 
 
 def charts(result: PlanResult) -> list[Chart]:
-    """Return a chart of each joint's uncertainty: after this plan, after random plans, and now."""
+    """Return a chart of each joint's standard uncertainty: after this plan, after random plans, and now."""
     joints, known = result.joints, all(joint.relative is not None for joint in result.joints)
     # Without the compliance of every joint, uncertainties of compliances are drawn, not relative ones.
     value = _relative_uncertainty if known else lambda _, uncertainty: uncertainty

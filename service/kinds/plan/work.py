@@ -15,12 +15,16 @@ from jointstiff.schemas.measurement import LEAST_DIRECTION
 from jointstiff.schemas.options import OwnWeight, RunOptions
 from jointstiff.schemas.plan import DecisionGoal, PlanResult
 from jointstiff.service.conversion.prepared import PreparedSet
-from jointstiff.service.conversion.readings import hash_of
-from jointstiff.service.conversion.robots import kinds_of, refuse_far_point, refuse_other_angles
+from jointstiff.service.conversion.readings import hash_texts
+from jointstiff.service.conversion.robots import (
+    joint_kinds_by_name,
+    refuse_far_point,
+    refuse_wrong_joint_count,
+)
 from jointstiff.service.conversion.units import to_instrument
 from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs
-from jointstiff.service.runs.verdicts import judged, own_reason, refuse_unaccepted
+from jointstiff.service.runs.verdicts import assess_with_run, make_reason, refuse_unaccepted
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest
 from jointstiff.solver.design.plan import CampaignPlan, plan_campaign
@@ -33,10 +37,10 @@ from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.mechanics.block import targets_in_flange
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.messages import rows
-from jointstiff.solver.own_weight.rows import Burden, planned_rows
+from jointstiff.solver.messages import build_messages
+from jointstiff.solver.own_weight.rows import Burden, make_planned_rows_function
 from jointstiff.solver.own_weight.run import run_by_weight
-from jointstiff.solver.result import stated_assessment
+from jointstiff.solver.result import build_assessment_message
 
 _LARGEST_RELATIVE: Final = 0.5
 """Relative uncertainty of a compliance above which the compliance is not used as a nominal value."""
@@ -47,36 +51,37 @@ _LINKS: Final = frozenset({"deflection_unexplained"})
 
 
 @dataclass(frozen=True, eq=False)
-class Planned:
-    """The robot of a plan, and the campaign that it continues, if any."""
+class PlanInput:
+    """Robot of a plan, and the campaign that the plan continues, if any."""
 
-    robot: Robot  # the robot
+    robot: Robot  # robot that is measured
     robot_id: str  # id of the stored robot
     content: str  # hash of the robot and of the readings so far
-    prepared: PreparedSet | None = None  # the campaign to continue; None to begin a campaign
+    prepared: PreparedSet | None = None  # campaign to continue; None to begin a campaign
 
 
 def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
     """Fetch the robot or the campaign of a request, and return the work that computes the plan.
 
     Raises:
-        RequestError: the robot or the set does not exist, or options need a campaign that is not given.
+        RequestError: the robot or the set does not exist, or the options need a campaign but the request
+            has none.
     """
     if request.causes and (request.measurement_set_id is None or isinstance(request.load, OwnWeight)):
         raise RequestError(
-            "`causes` need a measured campaign under loads, and this plan continues none",
+            "`causes` can be fitted only to a campaign under loads, but this plan continues no such campaign",
             where="causes",
-            remedy="omit `causes`, or go on with a measured campaign under loads",
+            remedy="omit `causes`, or continue a campaign that was measured under loads",
         )
     if request.measurement_set_id is None and request.leave_out:
         raise RequestError(
             "a plan that begins a campaign has no observations to leave out",
             where="leave_out",
-            remedy="omit `leave_out`, or go on with a measured campaign",
+            remedy="omit `leave_out`, or continue a measured campaign",
         )
     if request.measurement_set_id is None:
         robot, content = inputs.robot(str(request.robot_id), "robot_id")
-        planned = Planned(robot, str(request.robot_id), content)
+        planned = PlanInput(robot, str(request.robot_id), content)
     else:
         prepared = inputs.measured(request.measurement_set_id, "measurement_set_id", request.leave_out)
         if request.load is None and not prepared.measurements.force.any():
@@ -85,23 +90,23 @@ def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
         by_weight = isinstance(request.load, OwnWeight)
         if not by_weight:
             causes = [cause.pair for cause in request.causes]
-            readings = fit_causes(prepared.robot, prepared.measurements.with_loads(), causes)
+            readings = fit_causes(prepared.robot, prepared.measurements.require_loads(), causes)
             prepared = replace(prepared, measurements=readings)
-        planned = Planned(prepared.robot, prepared.robot_id, prepared.content, prepared)
+        planned = PlanInput(prepared.robot, prepared.robot_id, prepared.content, prepared)
     options = request.model_dump_json(exclude={"robot_id", "measurement_set_id"})
     return QuickWork(
         result=partial(_compute_plan, planned, request),
-        input_hash=hash_of(planned.content, options),
+        input_hash=hash_texts(planned.content, options),
         robot_id=planned.robot_id,
     )
 
 
-def _compute_plan(planned: Planned, request: plans.PlanRequest) -> PlanResult:
-    """Identify the campaign so far, if there is one, then plan further readings, and return the plan.
+def _compute_plan(planned: PlanInput, request: plans.PlanRequest) -> PlanResult:
+    """Identify the campaign so far, if the plan continues one, then plan readings, and return the plan.
 
     Raises:
-        RequestError: the robot or the campaign lacks something, the campaign so far is not to be used, or no
-            plan satisfies the request.
+        RequestError: the robot or the campaign lacks data that the plan needs, the verdict on the campaign so
+            far is "do not use", or no plan satisfies the request.
     """
     robot, prepared = planned.robot, planned.prepared
     nominal, sigma, unexplained, assessment = np.full(robot.n, np.nan), None, None, None
@@ -118,46 +123,49 @@ def _compute_plan(planned: Planned, request: plans.PlanRequest) -> PlanResult:
             passed_over=_TOO_LITTLE,
         )
     elif prepared is not None:
-        settings = Settings.of(RunOptions(), robot)
+        settings = Settings.from_options(RunOptions(), robot)
         joints = JointsAlone(robot, prepared.measurements, settings, prepared.warnings)
         estimate, screening = joints.estimate, joints.screening
         sigma = estimate.sigma
-        for j, joint in enumerate(estimate.joints):  # the compliances that the readings so far determine
+        # A compliance with a great uncertainty is no nominal value: it stays NaN.
+        for j, joint in enumerate(estimate.joints):
             u = joint.standard_uncertainty
             if joint.compliance and u is not None and u < _LARGEST_RELATIVE * joint.compliance:
                 nominal[j] = joint.compliance
         prediction = predict(robot, prepared.measurements, estimate.compliance, balanced=estimate.balanced)
         judgement = assess(joints, estimate, prediction, screening)
-        assessment = stated_assessment(judgement, estimate.joints)
+        assessment = build_assessment_message(judgement, estimate.joints)
         refuse_unaccepted(
             assessment,
             request.accept_verdict,
             "the campaign so far",
             "measurement_set_id",
-            passed_over=_TOO_LITTLE | _LINKS if screening.links_speak else _TOO_LITTLE,
+            passed_over=_TOO_LITTLE | _LINKS if screening.links_need_validation else _TOO_LITTLE,
         )
         unexplained = None if prediction.compensation is None else 1.0 - prediction.compensation
     so_far = None if prepared is None else prepared.measurements
-    # Positions without load are readings, too, where the robot's own weight is the load.
+    # If the robot's own weight is the load, positions without another load are readings, too.
     if so_far is not None and so_far.unloaded_only is not None:
         so_far = replace(so_far, present=so_far.present | so_far.unloaded_only)
     if isinstance(request.goal, DecisionGoal) or getattr(request.goal, "force", None) is not None:
         raise RequestError(
-            "the goal of a plan cannot be a decision, or an uncertainty under another force than its load",
+            "a plan cannot have a decision as its goal, nor a goal for the deflection under a force "
+            "other than "
+            "the load of the plan",
             where="goal",
-            remedy="give a goal for the joints, or an uncertainty of the deflection under the plan's load; "
-            "or measure live",
+            remedy="give a goal for the uncertainty of the joints, or of the deflection under the plan's "
+            "load; or pursue this goal in a live campaign",
         )
     wanted = to_design_request(
         request, robot, nominal=nominal, sigma=sigma, unexplained=unexplained, so_far=so_far
     )
-    names, _ = named_targets(request, robot, so_far)
+    names, _ = choose_targets(request, robot, so_far)
     found = to_plan_result(wanted, plan_campaign(robot, wanted), robot, names, assessment)
-    return found.model_copy(update={"assessment": judged("plan", _list_reasons(found), assessment)})
+    return found.model_copy(update={"assessment": assess_with_run("plan", _list_reasons(found), assessment)})
 
 
 def _list_reasons(result: PlanResult) -> list[Finding]:
-    """Return the reasons to use a plan with care: joints left out, and joints that stay uncertain."""
+    """Return the reasons to use a plan with care: joints that no load twists or that stay uncertain."""
     reasons = []
     if result.left_out:
         message = f"no load of this plan twists {', '.join(result.left_out)}"
@@ -165,17 +173,17 @@ def _list_reasons(result: PlanResult) -> list[Finding]:
             "choose loads that twist these joints, such as forces in any direction, or name the joints you "
             "need in `joints`"
         )
-        reasons.append(own_reason("joint_left_out", "use_with_care", message, remedy))
+        reasons.append(make_reason("joint_left_out", "use_with_care", message, remedy))
     poor = [each.name for each in result.joints if (each.relative or 0.0) > _POOR]
     if poor:
         message = f"after this plan {', '.join(poor)} would still be uncertain by over {100 * _POOR:.0f} %"
         remedy = "plan more readings, a larger load, or targets farther from the flange"
-        reasons.append(own_reason("joint_stays_uncertain", "use_with_care", message, remedy))
+        reasons.append(make_reason("joint_stays_uncertain", "use_with_care", message, remedy))
     return reasons
 
 
 _POOR: Final = 0.5
-"""Standard uncertainty relative to the compliance beyond which a plan does not determine a joint."""
+"""Greatest standard uncertainty, relative to the compliance, with which a plan determines a joint."""
 
 
 _LACK_OF_FIT: Final = 0.1
@@ -195,18 +203,19 @@ def to_design_request(
     unexplained: float | None,
     so_far: Measurements | None,
 ) -> PlanRequest:
-    """Convert a posted request to the arrays in SI units that the solver plans with.
+    """Convert a posted request to the solver's request for a plan, with arrays in SI units.
 
     Args:
         request: as it was posted.
         robot: n joints.
-        nominal: (n,) compliance by the campaign so far [rad/(N·m)]; NaN where it is unknown.
+        nominal: (n,) compliances from the campaign so far [rad/(N·m)]; NaN for an unknown compliance.
         sigma: standard deviation of the campaign's readings [m]; None if it is unknown.
         unexplained: share of the campaign's mean deflection that joints leave unexplained; None if unknown.
-        so_far: readings of the campaign; None without campaign.
+        so_far: readings of the campaign; None if the plan begins a campaign.
 
     Raises:
-        RequestError: the robot does not have a named joint; or load, targets or a stiffness are missing.
+        RequestError: a joint that the request names does not exist; load, targets or a stiffness are
+            missing; or options contradict each other.
     """
     nominal = nominal.copy()
     for name, stiffness in request.stiffness.items():
@@ -214,15 +223,14 @@ def to_design_request(
     prior = np.full(robot.n, np.inf)
     for name, known in request.priors.items():
         j = robot.joint_index(name, f"priors.{name}")
-        prior[j] = (
-            known.standard_uncertainty / known.stiffness**2
-        )  # of the compliance c = 1/k: u(c) = u(k)/k²
+        # Uncertainty of the compliance c = 1/k: u(c) = u(k)/k².
+        prior[j] = known.standard_uncertainty / known.stiffness**2
         nominal[j] = 1.0 / known.stiffness
-    names, targets = named_targets(request, robot, so_far)
+    names, targets = choose_targets(request, robot, so_far)
     load = request.load if isinstance(request.load, OwnWeight) else None
     if load and not (robot.bodies and np.isfinite(nominal).any()):
         raise RequestError(
-            "the robot has no masses, or no stiffness of a joint is known",
+            "a plan for own weight needs the masses of the robot and the stiffness of at least one joint",
             where="load",
             remedy="state `bodies` of the robot, and a guess of the joints' `stiffness`",
         )
@@ -230,7 +238,7 @@ def to_design_request(
         raise RequestError(
             "a plan for own weight supports neither balancers nor an estimate of gravity",
             where="load",
-            remedy="state `gravity`; choose postures by hand for a robot with balancers",
+            remedy="state `gravity` instead; for a robot with balancers, choose the postures by hand",
         )
     if load and (request.work_area or request.tracker or request.directions):
         raise RequestError(
@@ -253,7 +261,7 @@ def to_design_request(
         readings=request.readings,
         nominal=nominal,
         prior=prior,
-        cell=_cell(request.surroundings, names),
+        cell=_check_facing(request.surroundings, names),
         criterion=request.criterion or ("relative_a" if area is None else "work_area"),
         postures=_candidate_postures(request, robot),
         candidates=request.candidates,
@@ -261,14 +269,14 @@ def to_design_request(
         work_area=None if area is None else np.array(area),
         directions=directions,
         links=lack_of_fit if request.elastic_links is None else request.elastic_links,
-        # Of the deflection, joints explain 1 − unexplained, and the links are taken for the rest.
+        # Joints explain the share 1 − `unexplained` of the deflection; links are assumed to cause the rest.
         link_share=unexplained / (1.0 - unexplained) if unexplained and lack_of_fit else _LINK_SHARE,
         angle=request.distinct_angle,
         validation=request.validation,
         so_far=so_far,
         by_weight=None
         if load is None
-        else planned_rows(
+        else make_planned_rows_function(
             robot,
             Burden(robot.bodies, gravity=np.array(load.gravity)),
             targets,
@@ -287,21 +295,27 @@ def to_plan_result(
     names: Sequence[str],
     assessment: Assessment | None,
 ) -> plans.PlanResult:
-    """Convert the solver's plan to a message.
+    """Convert the solver's plan to the message that is returned to the user.
 
-    `names` are those of the targets, and `assessment` is of the campaign so far.
+    Args:
+        request: that the solver planned from.
+        plan: of the solver.
+        robot: n joints.
+        names: of the targets.
+        assessment: verdict on the campaign so far; None if the plan begins a campaign.
     """
     parameters = plan.pool.parameters
     chosen = parameters.joints
-    c, known = parameters.nominal[chosen], parameters.known[chosen]  # compliance; whether it is known
+    c = parameters.nominal[chosen]  # compliances to which the plan's uncertainties are relative
+    known = parameters.known[chosen]  # whether each compliance is known, or only a guess of its size
     digits = len(str(len(plan.joints)))
     return plans.PlanResult(
         efficiency=plan.efficiency,
         efficiencies=dict(plan.efficiencies),
         goal_share=plan.goal_share,
         assessment=assessment,
-        joint_kinds=kinds_of(robot),
-        readings=rows(
+        joint_kinds=joint_kinds_by_name(robot),
+        readings=build_messages(
             plans.PlannedReading,
             label=[f"{'v' if held else 'p'}{i:0{digits}d}" for i, held in enumerate(plan.validation, 1)],
             joints=plan.joints,
@@ -313,7 +327,7 @@ def to_plan_result(
         ),
         targets=dict(zip(names, request.equipment.targets.tolist(), strict=True)),
         load_point=request.equipment.load_point,
-        joints=rows(
+        joints=build_messages(
             plans.PlannedJoint,
             name=[robot.joint_names[j] for j in chosen],
             kind=[robot.joint_kinds[j] for j in chosen],
@@ -339,12 +353,13 @@ def to_plan_result(
     )
 
 
-def named_targets(
+def choose_targets(
     request: plans.PlanRequest, robot: Robot, so_far: Measurements | None
 ) -> tuple[tuple[str, ...], FloatArray]:
-    """Return the names (T) and positions (T, 3) of the targets in the flange frame [m].
+    """Return names and positions (T, 3) [m, flange frame] of T targets, from the request or the campaign.
 
-    They are those of the request, or else of the campaign so far.
+    Raises:
+        RequestError: neither has targets, or the campaign was measured with gauges and the plan is not.
     """
     if request.targets:
         return tuple(request.targets), np.array(list(request.targets.values()))
@@ -359,17 +374,18 @@ def named_targets(
         return so_far.targets, positions
     if not request.directions:
         raise RequestError(
-            "the campaign was read by gauges along directions, but the plan has no directions",
+            "the campaign was measured with gauges, but the plan has no directions along which gauges read",
             where="directions",
-            remedy="give the directions that a gauge can take, or the targets of a tracker",
+            remedy="give `directions` along which a gauge can read, or `targets` of a tracker",
         )
-    # Each direction of a gauge is a target of its own: the plan keeps one target at each position.
+    # A campaign has one target for each direction of a gauge: keep the first target at each position,
+    # rounded to 1 µm.
     first = np.sort(np.unique(np.round(positions, 6), axis=0, return_index=True)[1])
     return tuple(so_far.targets[t] for t in first), positions[first]
 
 
 def _choose_load_point(request: plans.PlanRequest, so_far: Measurements | None) -> FloatArray:
-    """Return the load point (3,) in the flange frame [m]: the request's, or of the greatest force so far."""
+    """Return the load point (3,) in the flange frame [m], from the request or the greatest force so far."""
     if request.load_point is not None:
         refuse_far_point(request.load_point, "load_point")
         return np.array(request.load_point)
@@ -380,9 +396,9 @@ def _choose_load_point(request: plans.PlanRequest, so_far: Measurements | None) 
 
 
 def _choose_loads(request: plans.PlanRequest, robot: Robot, so_far: Measurements | None) -> Loads:
-    """Return the loads of the request, or else loads like those of the campaign.
+    """Return the loads of the request or, if the request has none, loads like those of the campaign.
 
-    The campaign's loads count as a dead weight if all of them pull down, else as forces in any direction.
+    The campaign's loads become a dead weight if all of them pull down, otherwise forces in any direction.
     """
     limits = np.full(robot.n, np.inf)
     for name, limit in request.torque_limits.items():
@@ -407,37 +423,39 @@ def _choose_loads(request: plans.PlanRequest, robot: Robot, so_far: Measurements
 
 
 def _gauge_directions(request: plans.PlanRequest) -> FloatArray | None:
-    """Return the unit vectors (D, 3) along which gauges can read; None if all three coordinates are read."""
+    """Return unit vectors (D, 3) along which gauges can read; None for a tracker, which reads x, y and z."""
     if not request.directions:
         return None
     vectors = np.array(request.directions)
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     if length.min() < LEAST_DIRECTION or request.tracker is not None:
         raise RequestError(
-            "a direction is zero" if request.tracker is None else "a tracker reads all three coordinates",
+            "a direction of a gauge is the zero vector"
+            if request.tracker is None
+            else "the plan has a tracker, which reads all three coordinates, and directions of gauges",
             where="directions",
-            remedy="give directions other than zero, and `sigma` instead of `tracker`",
+            remedy="give directions that are not zero; for gauges, give `sigma` instead of `tracker`",
         )
     return np.asarray(vectors / length)
 
 
-def _cell(around: plans.Surroundings, names: tuple[str, ...]) -> plans.Surroundings:
-    """Return the surroundings, with the directions of reflectors sorted in the order of the targets."""
+def _check_facing(around: plans.Surroundings, names: tuple[str, ...]) -> plans.Surroundings:
+    """Check that `facing` has a direction for each target, and return the surroundings in targets' order."""
     if not around.facing:
         return around
     if set(around.facing) != set(names) or not all(any(axis) for axis in around.facing.values()):
         raise RequestError(
             f"`facing` has directions for {', '.join(around.facing)}, but the targets are {', '.join(names)}",
             where="surroundings.facing",
-            remedy="give a nonzero direction for each target, or omit all",
+            remedy="give a direction that is not zero for each target, or omit `facing`",
         )
     return around.model_copy(update={"facing": {name: around.facing[name] for name in names}})
 
 
 def _candidate_postures(request: plans.PlanRequest, robot: Robot) -> FloatArray | None:
-    """Return the postures (P, n) of the request among which the plan chooses; None if it states none."""
+    """Return the P postures (P, n) of the request to choose from; None if the request has no postures."""
     if not request.postures:
         return None
     for i, posture in enumerate(request.postures):
-        refuse_other_angles(robot, posture, f"postures[{i}]")
+        refuse_wrong_joint_count(robot, posture, f"postures[{i}]")
     return np.array(request.postures)

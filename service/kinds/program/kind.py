@@ -13,7 +13,15 @@ from jointstiff.schemas.program import (
 )
 from jointstiff.service.kinds.kind import File, Kind
 from jointstiff.service.tables.report import Report, View
-from jointstiff.service.tables.table import Chart, Column, Line, Part, Table, ends, number
+from jointstiff.service.tables.table import (
+    Chart,
+    Column,
+    Line,
+    Part,
+    Table,
+    interval_formatter,
+    number_formatter,
+)
 
 if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work
@@ -48,16 +56,16 @@ def _compute(inputs: Inputs, request: ProgramRequest) -> Work:
 
 
 def _points_sheet(job: Program) -> Sheet:
-    """Return the table of all points from the result of a program."""
-    from jointstiff.service.kinds.program.work import points_sheet, unpacked
+    """Return the sheet of all points, decompressed from the stored result of a program."""
+    from jointstiff.service.kinds.program.work import decompress_file, points_sheet
 
     if job.result is None:
         raise ValueError("the program has no result")
-    return points_sheet(unpacked(job.result.table))
+    return points_sheet(decompress_file(job.result.table))
 
 
 _CONTENT: Final = re.compile(r'"content":"[A-Za-z0-9+/=]*"')
-"""Content of a file in a job's JSON. Text of users cannot match: there, quotes have a backslash."""
+"""Pattern of a file's content in a job's JSON; texts of users cannot match: their quotes are escaped."""
 
 
 _SHOWN = 8
@@ -69,25 +77,25 @@ _REASONS = {
 
 
 def _report(_job: Program, result: ProgramResult, _view: View) -> Report:
-    """Return counts of corrected targets, quantiles of the distances, the worst points, and remarks."""
+    """Return the report: counts of corrected targets, quantiles of distances, worst points, remarks."""
     left = ", ".join(f"{count} {_REASONS[reason]}" for reason, count in result.left_alone.items())
-    capped = f"; {result.capped} held back by the limits" if result.capped else ""
-    alone = f"; left alone: {left}" if left else ""
-    moves = f"; {result.moves_left} of {result.moves} moves left as they are" if result.moves_left else ""
+    capped = f"; {result.capped} corrections reduced by the limits" if result.capped else ""
+    alone = f"; not corrected: {left}" if left else ""
+    moves = f"; {result.moves_left} of {result.moves} moves left unchanged" if result.moves_left else ""
     counts = Line(f"{result.corrected} of {result.points} targets corrected{capped}{alone}{moves}")
     worst: list[Part] = [_worst_table(result)] if result.worst else []
     return Report([counts, _distances_table(result), *worst, *map(Line, result.remarks)])
 
 
 def _distances_table(result: ProgramResult) -> Table:
-    """Return quantiles of the distance of the loaded tool from its target, without and with correction."""
+    """Return a table of quantiles of the loaded tool's distance from its target, and of the corrections."""
     rows = {
         "without correction": result.deflection,
         "as written, predicted": result.residual,
-        "  of that, rounding": result.rounding,
+        "  part from rounding": result.rounding,
         "displacement of targets": result.correction,
     }
-    shown = number(".4f", 1e3)
+    shown = number_formatter(".4f", 1e3)
     return Table(
         [
             Column("quantity", list(rows), text=True),
@@ -101,13 +109,13 @@ def _distances_table(result: ProgramResult) -> Table:
 
 def _worst_table(result: ProgramResult) -> Table:
     """Return a table of the points with the greatest deflections."""
-    points, interval = result.worst[:_SHOWN], ends(".3f", 1e3, " … ")
+    points, interval = result.worst[:_SHOWN], interval_formatter(".3f", 1e3, " … ")
     return Table(
         [
             Column("point", [point.number for point in points]),
             Column("name", [point.name for point in points], text=True),
             Column("line", [point.line for point in points]),
-            Column("deflection", [point.deflection for point in points], number(".3f", 1e3), "mm"),
+            Column("deflection", [point.deflection for point in points], number_formatter(".3f", 1e3), "mm"),
             Column(
                 f"{100 * result.confidence:g} %, readings only",
                 [point.interval for point in points],
@@ -122,7 +130,7 @@ def _worst_table(result: ProgramResult) -> Table:
 
 
 def charts(result: ProgramResult) -> list[Chart]:
-    """Return a chart of the worst points: distance from the target without and with the correction."""
+    """Return a chart of the worst points: distance from the target, with and without correction."""
     points = result.worst
     series = {
         "without correction": [point.deflection for point in points],

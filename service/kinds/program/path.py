@@ -11,17 +11,17 @@ from typing import Final, Literal
 import numpy as np
 
 from jointstiff.schemas.program import MAX_LINE, ProcessLoad, ProgramFrame, ProgramOptions
-from jointstiff.service.conversion.robots import joint_factors, refuse_far_point, refuse_other_angles
+from jointstiff.service.conversion.robots import joint_factors, refuse_far_point, refuse_wrong_joint_count
 from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.service.kinds.work import as_request_errors
 from jointstiff.service.problems import FilesError
-from jointstiff.service.programs.errors import Fault, ProgramError, shown
-from jointstiff.service.programs.formats import frame_notation
+from jointstiff.service.programs.errors import Fault, ProgramError, quote_text
+from jointstiff.service.programs.formats import choose_frame_notation
 from jointstiff.service.programs.notation import Edit, Notation, Orientation
 from jointstiff.service.programs.program import BLOCK, NUMBERS, FrameName, Program
-from jointstiff.service.runs.deflection import vector_column
+from jointstiff.service.runs.deflection import parse_vector_header
 from jointstiff.service.runs.verdicts import moment_factor
-from jointstiff.service.tables.files import rows_of
+from jointstiff.service.tables.files import split_table_rows
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.cases import LoadCases
@@ -30,12 +30,12 @@ from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 
 _LEAST_SINE: Final = 1e-3
-"""Sine of the angle between tool and x axis under which they count as parallel."""
+"""Sine of the angle between the tool's axis and `tool_x`, below which these count as parallel."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Frames:
-    """Frames without repetition, and the index of each target's frame."""
+    """Poses of k different frames, and the index of each target's frame."""
 
     poses: FloatArray  # (k, 4, 4) [m]
     of_target: IndexArray  # (t,) row of `poses` for each target
@@ -58,18 +58,19 @@ class ProgramFrames:
 
     tool: _Frames  # in the model's flange frame
     base: _Frames  # in R0
-    # (3,) direction, in the base, that the tools' x axes follow as near as they can; None if it is not stated
+    # (3,) direction in the base, to which the tools' x axes are turned as close as possible; None if the
+    # request has none
     x_axis: FloatArray | None
 
     @classmethod
     def from_program(cls, program: Program, options: ProgramOptions) -> ProgramFrames:
-        """Find the numbers of all frames that a program uses, in the program or in the options.
+        """Find the poses of all frames that a program uses, in the program or in the options.
 
         Raises:
             RequestError: a frame has no numbers, has two sets of numbers, or is not in the program; or its
-                numbers are no pose.
+                numbers do not form a pose.
         """
-        notation, targets = frame_notation(program), program.targets
+        notation, targets = choose_frame_notation(program), program.targets
         world = _stated_pose(notation, options.world, "world")
         flange = _stated_pose(notation, options.flange, "flange")
         # A target in joint angles needs its base only for a load along the axes of the base.
@@ -107,7 +108,7 @@ class ProgramFrames:
         return wanted
 
     def positions(self, program: Program, indices: IndexArray) -> FloatArray:
-        """Return positions (m, 3) of m targets in R0 [m]; without meaning for targets in joint angles."""
+        """Return positions (m, 3) of m targets in R0 [m]; rows of targets in joint angles are meaningless."""
         length = np.array([each.length for each in program.targets.notations])
         position = length[program.targets.notation[indices], None] * program.targets.values[indices, :3]
         base = self.base.select(indices)
@@ -136,9 +137,12 @@ class ProgramFrames:
         return numbers
 
     def _poses_from_axis(self, notation: Notation, numbers: FloatArray) -> FloatArray:
-        """Return poses (m, 4, 4) of the tool from position and tool axis (m, 3 or 6), in the base [m].
+        """Return poses (m, 4, 4) of the tool in the base [m], from numbers (m, 3 or 6): position, tool axis.
 
-        The z axis points from spindle to tip, and the x axis is as near to `x_axis` as it can be.
+        The z axis of the pose points from spindle to tip, and the x axis is as close as possible to `x_axis`.
+
+        Raises:
+            RequestError: `x_axis` is missing, or parallel to a tool axis.
         """
         if self.x_axis is None:
             raise RequestError(
@@ -146,6 +150,7 @@ class ProgramFrames:
                 where="tool_x",
                 remedy="give `tool_x`, the direction of the tool's x axis in the base",
             )
+        # The program's tool axis points from tip to spindle; without one, the tool points down.
         axis = np.tile([0.0, 0.0, 1.0], (len(numbers), 1))
         if notation.orientation is Orientation.TOOL_AXIS:
             axis = numbers[:, 3:]
@@ -174,20 +179,28 @@ def _find_target_frames(
     """Return the tool or base frames of all targets, with numbers of the program or of the request.
 
     Args:
-        outer: (4, 4) pose in which the frames are given: world in R0, or the flange's [m].
-        notation: of the numbers of frames.
+        outer: (4, 4) pose [m] to which the frames are relative: world in R0, or the controller's flange.
+        notation: how the program writes the numbers of frames.
         stated: frames with numbers in the request.
         frames: frames that the program names.
         chosen: (t,) index of each target's frame in `frames`; −1 for `outer` itself.
         where: field of the request, `tools` or `bases`, for errors.
+
+    Raises:
+        RequestError: a frame has no numbers, has two sets of numbers, or is not in the program; or its
+            numbers do not form a pose.
     """
     given: dict[str | None, FloatArray] = {
         _fold_name(frame.name): _stated_pose(notation, frame.values, f"{where}[{i}].values")
         for i, frame in enumerate(stated)
     }
     if len(given) < len(stated):
-        raise RequestError("a frame is given twice", where=where, remedy="give each frame once")
-    poses = np.tile(outer, (len(frames) + 1, 1, 1))  # the last one is `outer` itself, for index −1
+        raise RequestError(
+            "two frames have the same name, or two have none",
+            where=where,
+            remedy="give each frame only once",
+        )
+    poses = np.tile(outer, (len(frames) + 1, 1, 1))  # the last pose is `outer`, for index −1
     used: set[str | None] = set()
     for place in np.unique(chosen[chosen >= 0]).tolist():
         frame = frames[place]
@@ -195,24 +208,28 @@ def _find_target_frames(
             used.add(key := _find_stated_frame(frame, given, where))
             poses[place] = outer @ given[key]
         elif _fold_name(frame.name) in given:
-            reason = f"the program already has the numbers of {shown(frame.name)}"
+            reason = f"the program itself defines the numbers of the frame {quote_text(frame.name)}"
             raise RequestError(reason, where=where, remedy="omit this frame")
         else:
             poses[place] = outer @ frame.pose
     for name in (frame.name for frame in stated if _fold_name(frame.name) not in used):  # it may be misspelt
-        all_known = "all frames of the program have numbers"
-        reason = all_known if name is None else f"the program does not use {shown(name)}"
+        all_known = "a frame without name is not used, because every frame of the program has numbers"
+        reason = all_known if name is None else f"the program does not use the frame {quote_text(name)}"
         raise RequestError(reason, where=where, remedy="omit this frame, or correct its name")
     return _Frames(poses, chosen)
 
 
 def _find_stated_frame(frame: FrameName, given: Mapping[str | None, FloatArray], where: str) -> str | None:
-    """Return the key in `given` of a frame's pose: the frame's name, or None for a pose of every frame."""
+    """Return the key of a frame's pose in `given`: the frame's name, or None for the pose without name.
+
+    Raises:
+        RequestError: `given` has neither key.
+    """
     for key in (_fold_name(frame.name), None):
         if key in given:
             return key
     raise RequestError(
-        f"the program names {shown(frame.name)}, but has no numbers for it",
+        f"the program uses the frame {quote_text(frame.name)}, but does not define its numbers",
         where=where,
         remedy=f"give the numbers: {{'name': {frame.name!r}, 'values': [...]}}",
     )
@@ -224,12 +241,12 @@ def _fold_name(name: str | None) -> str | None:
 
 
 def _stated_pose(notation: Notation, values: Sequence[float] | None, where: str) -> FloatArray:
-    """Return the pose (4, 4) [m] of a frame's numbers in the request; the identity for None."""
+    """Return the pose (4, 4) [m] from a frame's numbers in the request; the identity if `values` is None."""
     if values is None:
         return np.eye(4)
-    if len(values) != 3 + notation.count or not notation.states(np.array(values)):
+    if len(values) != 3 + notation.count or not notation.is_valid_orientation(np.array(values)):
         raise RequestError(
-            f"a frame has {3 + notation.count} numbers",
+            f"a frame needs {3 + notation.count} numbers that form a pose",
             where=where,
             remedy=f"give the position, then {notation.orientation.value}, in the program's units",
         )
@@ -237,15 +254,18 @@ def _stated_pose(notation: Notation, values: Sequence[float] | None, where: str)
 
 
 _MORE_LINES: Final = 1_000
-"""Lines that a table of loads may have in addition to two for each point: even a blank line takes memory."""
+"""Lines that a table of loads may have besides two lines for each point: even a blank line takes memory."""
 _REMEDY: Final = "write `point`, then Fx [N], Fy [N], Fz [N], and, if there are moments, Mx [N.m] …"
 
 
 @dataclass(frozen=True, eq=False)
 class Loads:
-    """Loads [N, N·m] along the axes that the request chooses, and the index of the load at each visit."""
+    """Loads [N, N·m] along the axes that the request chooses, and the index of the load at each visit.
 
-    values: FloatArray  # (k, 6) force, then moment; the first row is zero, no load
+    A visit is the arrival of a move at a target.
+    """
+
+    values: FloatArray  # (k, 6) force, then moment; the first row is zero and means no load
     of_visit: IndexArray  # (v,) row of `values` for each visit of a target by a move
 
 
@@ -255,14 +275,14 @@ def collect_loads(
     """Return the load at each visit of a target, from the table of loads or else from the options.
 
     Args:
-        options: have one load for the whole program, or loads of segments of its lines.
-        table: content of the CSV file with a load for each point, or None.
+        options: options with one load for the whole program, or with loads for segments of lines.
+        table: content of the CSV file with a load for each point; None if the loads are in the options.
         lines: (v,) line of the move at each visit.
         points: (v,) number of the point at each visit, from 1.
 
     Raises:
         RequestError: segments overlap, or the unit of a moment is missing.
-        FilesError: the table is not understood.
+        FilesError: the table has a mistake.
     """
     if table is not None:
         return _read_load_table(table, points)
@@ -277,7 +297,11 @@ def collect_loads(
 
 
 def _find_segments(segments: Sequence[ProcessLoad], lines: IndexArray) -> IndexArray:
-    """Return the number (v,) of each line's segment, from 1; 0 for a line outside of all segments."""
+    """Return, for each line (v,), the number of its segment from 1; 0 for a line outside of all segments.
+
+    Raises:
+        RequestError: two segments overlap.
+    """
     order = sorted(range(len(segments)), key=lambda i: segments[i].first_line or 0)
     first = np.array([segments[i].first_line or 0 for i in order])
     last = np.array([segments[i].last_line or MAX_LINE for i in order])
@@ -286,7 +310,7 @@ def _find_segments(segments: Sequence[ProcessLoad], lines: IndexArray) -> IndexA
         raise RequestError(
             f"line {first[overlap[0] + 1]} has two loads",
             where=f"segments[{order[overlap[0] + 1]}]",
-            remedy="let segments end before the next ones begin",
+            remedy="give segments of lines that do not overlap",
         )
     segment = np.searchsorted(first, lines, side="right") - 1
     inside = (segment >= 0) & (lines <= last[segment])
@@ -294,7 +318,11 @@ def _find_segments(segments: Sequence[ProcessLoad], lines: IndexArray) -> IndexA
 
 
 def _read_load_table(content: bytes, points: IndexArray) -> Loads:
-    """Read the CSV file of loads; a point without a row has no load. Raises a `FilesError` with the line."""
+    """Read the CSV file of loads, and return the loads; a point without a row has no load.
+
+    Raises:
+        FilesError: a line of the file has a mistake; the error has the line.
+    """
     most = int(points.max(initial=0))
     text = content.decode("utf-8-sig", errors="replace")
     lines, once = 2 * most + _MORE_LINES, f"number the points from 1 to {most}"
@@ -304,9 +332,9 @@ def _read_load_table(content: bytes, points: IndexArray) -> Loads:
     ):
         raise _table_fault(1, "the table has more lines or cells than the program has points", once)
     try:
-        rows, _ = rows_of(text)
+        rows, _ = split_table_rows(text)
     except csv.Error:
-        raise _table_fault(1, "this is not a table", _REMEDY) from None
+        raise _table_fault(1, "the file of loads is not a readable CSV table", _REMEDY) from None
     columns = _load_columns(rows[0] if rows else [])
     values, load_of_point = [np.zeros(6)], np.zeros(most + 1, dtype=np.intp)
     for line, row in enumerate(rows[1:], 2):
@@ -322,9 +350,9 @@ def _read_load_table(content: bytes, points: IndexArray) -> Loads:
 def _parse_load_row(
     line: int, row: Sequence[str], columns: Sequence[tuple[int, float]]
 ) -> tuple[int, FloatArray]:
-    """Return the point's number and its load (6,) [N, N·m] from a row of the table.
+    """Return the number of the point and its load (6,) [N, N·m] from a row of the table.
 
-    `columns` has the place in the load, and the factor to SI units, of each cell after the first.
+    `columns` has a pair for each cell after the first: index in the load, and factor to SI units.
     """
     load = np.zeros(6)
     try:
@@ -332,18 +360,24 @@ def _parse_load_row(
     except ValueError:
         raise _table_fault(line, "a cell is not a number", "write numbers with decimal points") from None
     if len(numbers) != len(columns) or not np.isfinite(numbers).all() or max(map(abs, numbers)) > 1e9:
-        raise _table_fault(line, "cells are missing, or out of range", "give a finite number in each column")
+        raise _table_fault(
+            line, "a cell is missing, or a number is out of range", "give a finite number in each column"
+        )
     for (place, factor), size in zip(columns, numbers, strict=True):
         load[place] = factor * size
     return point, load
 
 
 def _load_columns(header: Sequence[str]) -> list[tuple[int, float]]:
-    """Return the place of each column but the first in (Fx, …, Mz), and its factor to SI units."""
+    """Return a pair for each column but the first: its index in (Fx, …, Mz), and its factor to SI units.
+
+    Raises:
+        FilesError: a header is unknown, or a column is missing or occurs twice.
+    """
     columns = []
     for cell in header[1:]:
         try:
-            column = vector_column(cell, ("force", "moment"))
+            column = parse_vector_header(cell, ("force", "moment"))
         except RequestError:
             column = None
         if column is None:
@@ -356,12 +390,12 @@ def _load_columns(header: Sequence[str]) -> list[tuple[int, float]]:
 
 
 def _table_fault(line: int, reason: str, remedy: str) -> FilesError:
-    """Return an error at a line of the table of loads, to be raised."""
+    """Return an error at a line of the table of loads, for the caller to raise."""
     return FilesError(reason, remedy=remedy, where=f"loads:{line}")
 
 
 _NEAR: Final = 1e-4
-"""Distance of an angle from the limit of its range [rad] that may come of rounded numbers in the program."""
+"""Distance of an angle from the limit of its range [rad] that rounded numbers in the program can cause."""
 _ROUNDING: Final = 1e-8
 """Distance of an angle beyond the limit of its range [rad] that is a rounding error of the computation."""
 _MOST: Final = 1e9
@@ -373,11 +407,11 @@ class _Word:
     """The range of one joint's angles that a configuration number, such as KUKA's S or ABB's cf1, states."""
 
     joint: int  # index of the joint
-    kind: Literal["sign", "quadrant", "turn"]  # what is counted: signs, quarter turns, or whole turns
+    kind: Literal["sign", "quadrant", "turn"]  # the number has sign bits, or counts quarter or whole turns
     bit: int | None = None  # bit of the number that is 1 for angles below zero; None for the whole number
 
     def ranges(self, numbers: FloatArray) -> FloatArray:
-        """Return least and greatest angles (m, 2) [rad] that numbers (m,) allow; ∓inf where they are NaN."""
+        """Return least and greatest angle (m, 2) [rad] that each number (m,) allows; ∓inf for NaN."""
         if self.bit is not None:
             whole = np.nan_to_num(numbers).astype(np.int64)
             low, high = (
@@ -392,7 +426,7 @@ class _Word:
         return np.stack([np.where(unknown, -np.inf, low), np.where(unknown, np.inf, high)], axis=1)
 
     def update_number(self, number: int, angle: float) -> int:
-        """Return the number changed so that it allows an angle [rad]; other joints' bits stay as they are."""
+        """Return the number that allows an angle [rad], with the bits of other joints unchanged."""
         if self.bit is not None:
             return number & ~(1 << self.bit) | int(angle < 0.0) << self.bit
         return int(
@@ -400,6 +434,7 @@ class _Word:
         )
 
 
+# KUKA's S and T, FANUC's turns, and ABB's cf1, cf4, cf6 and cfx, by the names that the notations use.
 # Bit 2 of KUKA's S is 1 where A5 is below zero (reversed beyond half a turn, which no wrist reaches).
 _WORDS: Final = {
     "T": tuple(_Word(joint, "sign", joint) for joint in range(6)),
@@ -416,13 +451,16 @@ class StatedConfigurations:
 
     def __init__(self, program: Program) -> None:
         self._program = program
-        # Whether the controller takes the arm to the stated configuration at the end of a joint move.
+        # True if a joint move ends in the stated configuration; not with ABB's `ConfJ \Off`.
         self.binds_joint_moves = program.format != "rapid" or not any(
             _FREE_RAPID.search(source.text) for source in program.sources
         )
 
     def ranges(self, indices: Sequence[int] | IndexArray) -> FloatArray:
-        """Return least and greatest controller's angles (m, 6, 2) [rad]; ∓inf where none is stated."""
+        """Return least and greatest angle (m, 6, 2) [rad] of each joint that the configurations allow.
+
+        Angles are the controller's; limits are ∓inf for a joint without stated configuration.
+        """
         rows = np.asarray(indices, dtype=np.intp)
         ranges = np.tile([-np.inf, np.inf], (len(rows), 6, 1))
         for word, column, members in self._iterate_words(rows):
@@ -433,10 +471,12 @@ class StatedConfigurations:
             )
         return ranges
 
-    def edits(self, indices: IndexArray, wanted: FloatArray, commanded: FloatArray) -> list[tuple[int, Edit]]:
-        """Return the edits of configuration words that a correction requires, as (target, edit).
+    def list_word_edits(
+        self, indices: IndexArray, wanted: FloatArray, commanded: FloatArray
+    ) -> list[tuple[int, Edit]]:
+        """Return (target index, edit) for each configuration word that a correction makes wrong.
 
-        A word is changed if it agreed with the joint's angle before the correction, and no longer does.
+        A word is changed if it agreed with the joint's angle before the correction, but does not after.
 
         Args:
             indices: (m,) indices of targets.
@@ -458,14 +498,14 @@ class StatedConfigurations:
         ]
 
     def _edit_number(self, index: int, column: int, number: int) -> Edit:
-        """Return the edit that writes a number for a target's word: start, end and text in the source."""
+        """Return the edit (start, end, text) of the source that writes the number of a target's word."""
         targets = self._program.targets
         start, end = targets.spans[index, column].tolist()
         binary = self._program.sources[targets.source[index]].text[start] == "'"  # KUKA's 'B010'
         return start, end, f"'B{number:0{end - start - 3}b}'" if binary else str(number)
 
     def _iterate_words(self, indices: IndexArray) -> Iterator[tuple[_Word, int, IndexArray]]:
-        """Yield each word, its column of numbers, and the places (k,) of its targets in `indices`."""
+        """Yield (word, column of its numbers, positions (k,) in `indices` of the targets with this word)."""
         targets = self._program.targets
         words = [tuple(name for name, _ in literal.words) for literal in targets.literals]
         different = list(dict.fromkeys(words))
@@ -478,13 +518,13 @@ class StatedConfigurations:
                     yield word, column, members
 
     def _word_numbers(self, indices: IndexArray, column: int) -> FloatArray:
-        """Return a word's numbers (m,) at m targets; NaN for a fraction, or a number too great for a word."""
+        """Return the numbers (m,) of a word at m targets; NaN for a fraction or a too great number."""
         numbers = self._program.targets.values[indices, column]
         return np.where((numbers == np.round(numbers)) & (np.abs(numbers) < _MOST), numbers, np.nan)
 
 
 _SAME: Final = 1e-6
-"""Greatest difference of two postures that count as the same [rad]."""
+"""Greatest difference of joint angles with which two postures count as equal [rad]."""
 _REASONS: Final = {
     Unreached.OUT_OF_REACH: (
         "the robot does not reach this target",
@@ -495,7 +535,7 @@ _REASONS: Final = {
         "check tool, base, `start`, and the limits of the robot's model",
     ),
     Unreached.NOT_AS_STATED: (
-        "no posture within the limits has the stated configuration",
+        "no posture within the joints' limits has the arm configuration that the program states",
         "check tool and base, and that the joint map gives the controller's angles",
     ),
     Unreached.NOT_FOLLOWED: (
@@ -503,7 +543,7 @@ _REASONS: Final = {
         "move the part away from the singularity, or write the target as joint angles",
     ),
     Unreached.AMBIGUOUS: (
-        "the arm's configuration is not stated here",
+        "the program does not state the arm's configuration at this target",
         "give `start`: the controller's angles near this target",
     ),
 }
@@ -511,34 +551,34 @@ _REASONS: Final = {
 
 @dataclass(frozen=True, eq=False)
 class ProgramPath:
-    """The m targets that moves visit, in order of their first visits."""
+    """Path of a program: the m targets that moves visit, in order of their first visits."""
 
-    program: Program  # the program
+    program: Program  # program that was read
     frames: ProgramFrames  # tool and base frames of the targets
     stated: StatedConfigurations  # arm configurations that the targets state
     targets: IndexArray  # (m,) indices of the program's targets
     cases: LoadCases  # wanted postures and their loads; `place` is the tool's centre point
 
-    def fault(self, point: int, reason: str, remedy: str) -> Fault:
-        """Return a fault of the program at a point of the path, to be raised in a `ProgramError`."""
+    def make_fault(self, point: int, reason: str, remedy: str) -> Fault:
+        """Return a fault at a point of the path, given by index, to be raised in a `ProgramError`."""
         return _make_fault(self.program, int(self.targets[point]), reason, remedy)
 
 
 @dataclass(frozen=True, eq=False)
 class Visits:
-    """The visits of targets by moves, v in all, in the order of the program, and their loads."""
+    """All v visits of targets by moves, in the order of the program, and the loads of the visits."""
 
     targets: IndexArray  # (v,) index of the target at each visit
     order: IndexArray  # (m,) indices of the visited targets, each once, in order of their first visits
-    number: IndexArray  # (v,) place of each visit's target in `order`
-    first: IndexArray  # (m,) first visit of each target in `order`
+    number: IndexArray  # (v,) index in `order` of each visit's target
+    first: IndexArray  # (m,) index of the first visit of each target in `order`
     loads: Loads  # loads of the visits
-    # (k,) places in `order` of the targets under load; all of them if the robot's own weight is a load, too
+    # (k,) indices in `order` of the targets under load; all of them if the robot's own weight is a load, too
     loaded: IndexArray
 
     @classmethod
     def collect(cls, program: Program, options: ProgramOptions, table: bytes | None) -> Visits:
-        """Collect the visits of a program's targets, with loads of the options or of a CSV table.
+        """Collect the visits of a program's targets, with loads from the options or from a CSV table.
 
         Raises:
             RequestError: no move is under load, or a load does not fit the program.
@@ -561,10 +601,10 @@ class Visits:
             raise RequestError(
                 "no move is under load",
                 where="segments" if options.load is None else "load",
-                remedy="give lines with moves, or points of moves, for the loads",
+                remedy="give loads for lines that contain moves, or for points that moves visit",
             )
         load = loads.of_visit[first]
-        reason = "a target is used under two loads"
+        reason = "moves visit this target under two different loads"
         _refuse_targets(
             program, visits[loads.of_visit != load[number]], reason, "use a separate target for each load"
         )
@@ -578,15 +618,15 @@ def find_path(
     """Find the wanted posture and the load of each visited target, and return the path.
 
     Raises:
-        RequestError: the request lacks something, or does not fit the program.
+        RequestError: a field of the request is missing, or does not fit the program.
         ProgramError: the robot does not reach targets, or their arm configurations are ambiguous.
     """
     frames, stated = ProgramFrames.from_program(program, options), StatedConfigurations(program)
     joints = _find_wanted_postures(program, options, frames, stated, robot, inverse, visits.targets)
-    # All visits of a target must have the posture of its first visit, whole turns aside.
+    # All visits of a target must have the posture of its first visit, except for whole turns.
     apart = joints - joints[visits.first][visits.number]
     apart = np.abs(apart - 2 * np.pi * np.round(apart / (2 * np.pi))).max(axis=1)
-    reason = "a target is reached in two configurations of the arm"
+    reason = "moves reach this target in two different configurations of the arm"
     remedy = "use a separate target for each configuration"
     _refuse_targets(program, visits.targets[apart > _SAME], reason, remedy)
     load = visits.loads.of_visit[visits.first]
@@ -597,15 +637,15 @@ def find_path(
 
 
 def _refuse_targets(program: Program, targets: IndexArray, reason: str, remedy: str) -> None:
-    """Raise a `ProgramError` with a fault for each of the targets, given by index, if there are any."""
+    """Raise a `ProgramError` with a fault for each target, given by index; do nothing without targets."""
     if len(targets):
         raise ProgramError([_make_fault(program, int(i), reason, remedy) for i in np.unique(targets)])
 
 
 def _make_fault(program: Program, target: int, reason: str, remedy: str) -> Fault:
-    """Return a fault at a target, given by index, with its file, line and name."""
+    """Return a fault at a target, given by index, with the target's file, line and name."""
     targets = program.targets
-    name = f"{shown(targets.names[target])}: " if targets.names[target] else ""
+    name = f"{quote_text(targets.names[target])}: " if targets.names[target] else ""
     return Fault(
         program.sources[targets.source[target]].name, int(targets.line[target]), name + reason, remedy
     )
@@ -633,7 +673,7 @@ def _find_wanted_postures(
     ranges = stated.ranges(visits)
     is_stated = np.isfinite(ranges).any(axis=(1, 2))
     start = start_joints(options, robot)
-    # A linear move keeps the configuration of the target before it; a joint move takes the stated one.
+    # A linear move keeps the arm's configuration; a joint move takes the configuration that is stated.
     by_joint = program.moves.by_joint & is_stated & stated.binds_joint_moves
     with as_request_errors("robot"):
         joints, unreached = choose_postures(inverse, poses, given, ranges, by_joint, start)
@@ -647,23 +687,24 @@ def _find_wanted_postures(
 
 
 def start_joints(options: ProgramOptions, robot: Robot) -> FloatArray | None:
-    """Return the joints (n,) of `start`, near the first target, as the controller shows them [rad or m].
+    """Return the joints (n,) of the option `start`, near the first target, as the controller shows them.
 
-    None if the request has no `start`.
+    In rad or m; None if the request has no `start`.
 
     Raises:
-        RequestError: their number does not fit the robot.
+        RequestError: the number of joints does not fit the robot.
     """
     if options.start is None:
         return None
-    refuse_other_angles(robot, options.start, "start")
+    refuse_wrong_joint_count(robot, options.start, "start")
     return np.asarray(joint_factors(robot, options.units) * np.array(options.start))
 
 
 def _refuse_new_letters(program: Program, visits: IndexArray, by_joints: BoolArray) -> None:
-    """Refuse a change of FANUC's letters (N/F, U/D, T/B) without a target in joint angles between.
+    """Refuse a change of FANUC's configuration letters (N/F, U/D, T/B) between two pose targets.
 
-    The letters do not determine joint angles, so the posture after the change is unknown.
+    The letters do not determine joint angles, so that the posture after the change is unknown unless a
+    target in joint angles lies between. Raises a `ProgramError` with the targets.
     """
     literals, before, changed = program.targets.literals, "", []
     of_visit = program.targets.literal[visits].tolist() if any(each.letters for each in literals) else ()
@@ -685,11 +726,11 @@ def _make_load_cases(
     joints: FloatArray,
     loads: FloatArray,
 ) -> LoadCases:
-    """Return the load cases of m targets, loads in R0 and points in the flange frame.
+    """Return the load cases of m targets, with loads in R0 and points in the flange frame.
 
     Args:
-        options: have the axes of the loads, and the point where the loads act.
-        frames: of the program.
+        options: options with the axes of the loads, and the point where the loads act.
+        frames: tool and base frames of the program.
         robot: n joints.
         targets: (m,) indices of targets.
         joints: (m, n) wanted postures, as the controller shows them [rad or m].

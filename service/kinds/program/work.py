@@ -27,24 +27,31 @@ from jointstiff.schemas.program import (
     Spread,
 )
 from jointstiff.schemas.run import Run
-from jointstiff.service.conversion.readings import hash_of
-from jointstiff.service.conversion.robots import kinds_of
+from jointstiff.service.conversion.readings import hash_texts
+from jointstiff.service.conversion.robots import joint_kinds_by_name
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.service.kinds.program.path import ProgramPath, Visits, find_path, start_joints
-from jointstiff.service.kinds.work import Arrays, Span, Work, as_request_errors, cut_into_spans, joined
+from jointstiff.service.kinds.work import (
+    Arrays,
+    Span,
+    Work,
+    as_request_errors,
+    concatenate_steps,
+    cut_into_spans,
+)
 from jointstiff.service.problems import VerdictError
 from jointstiff.service.programs.errors import ProgramError
-from jointstiff.service.programs.formats import marked, read_program
+from jointstiff.service.programs.formats import insert_mark, read_program
 from jointstiff.service.programs.program import BLOCK, NUMBERS, ExternalAxes, Rewriting
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import (
     RunModel,
-    accepted_run,
-    judged,
-    of_campaign,
-    of_deflection,
-    of_points,
-    own_reason,
+    assess_with_run,
+    find_accepted_run,
+    find_beyond_campaign,
+    find_far_points,
+    find_implausible_deflection,
+    make_reason,
 )
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver import messages
@@ -64,9 +71,9 @@ from jointstiff.solver.predict.forward import (
 from jointstiff.solver.predict.models import EXTRAPOLATED
 
 MAX_QUICK_POINTS: Final = 10_000
-"""Greatest number of points of a program that is corrected at once; a point counts for each move to it."""
+"""Greatest number of points of a program without steps; a point counts once for each move to it."""
 STEP_POINTS: Final = 2_000
-"""Points in a step of a longer program."""
+"""Number of points in a step of a program with more points."""
 _MAX_REMARKS: Final = 50
 _MAX_UNPACKED: Final = 256 * 1024 * 1024
 """Greatest size of a file after decompression, which protects the memory."""
@@ -93,7 +100,9 @@ _LOADED: Final = (
     "rounding [mm]",
     "share [1]",
 )
-_REMARKS: Final = ("", "no load", "capped", "uncertain: left alone")
+_UNCERTAIN: Final = "uncertain: not corrected"
+_REMARKS: Final = ("", "no load", "capped", _UNCERTAIN)
+"""Remarks on a point in the table of points, stored there by index."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,17 +121,18 @@ class Corrections(Compensation):
 class WrittenPoints:
     """The m points of a path, and how well the written program corrects the k points under load."""
 
-    path: ProgramPath  # the path
+    path: ProgramPath  # path of the program
     corrections: Corrections  # corrections of the points under load
-    residual: FloatArray  # (k, 6) motion from the wanted pose to the loaded pose as written [m, rad]
+    # (k, 6) motion from the wanted pose to the pose under load with the written numbers [m, rad]
+    residual: FloatArray
     rounding: FloatArray  # (k,) length of the residual's part that is due to the program's rounded digits [m]
     changed: BoolArray  # (k,) whether a number of the target was changed
     place: FloatArray  # (m, 3) wanted position of the tool's centre point in R0 [m]
     arm: FloatArray  # (m, 6) wanted postures of the arm as the controller shows them [rad]
-    quantile: float  # half the width of intervals in standard uncertainties
+    quantile: float  # half width of the intervals in standard uncertainties
 
-    def spread(self, sizes: FloatArray) -> Spread | None:
-        """Return median, 95 % quantile and greatest of sizes (k,) [m]; None without sizes."""
+    def summarize_sizes(self, sizes: FloatArray) -> Spread | None:
+        """Return median, 95 % quantile and maximum of sizes (k,) [m]; None if `sizes` is empty."""
         if not len(sizes):
             return None
         median, p95, greatest = np.quantile(sizes, [0.5, 0.95, 1.0]).tolist()
@@ -130,16 +140,19 @@ class WrittenPoints:
 
     @cached_property
     def _intervals(self) -> FloatArray:
-        """Intervals (2, k, 2) of the deflection [m]: by readings, with model error; NaN where unknown."""
+        """Two intervals of each deflection (2, k, 2) [m]: from readings only, and with model error.
+
+        NaN where an interval is unknown.
+        """
         corrections = self.corrections
         half = np.stack([self.quantile * corrections.uncertainty, corrections.model_error])
         half = np.where(np.isfinite(half), half, np.nan)
-        # The interval with model error is never narrower than the interval by readings alone.
+        # The interval with model error must not be narrower than the interval from readings only.
         half[1] = np.where(np.isnan(half[1]), np.nan, np.fmax(half[0], half[1]))
         deflection = _vector_lengths(corrections.uncorrected[:, :3])
         return np.stack([np.maximum(deflection - half, 0.0), deflection + half], axis=2)
 
-    def worst(self) -> list[ProgramPoint]:
+    def list_worst_points(self) -> list[ProgramPoint]:
         """Return at most `MAX_WORST` points with the greatest deflections, greatest first."""
         corrections, targets = self.corrections, self.path.program.targets
         order = np.argsort(-_vector_lengths(corrections.uncorrected[:, :3]), kind="stable")[:MAX_WORST]
@@ -147,7 +160,7 @@ class WrittenPoints:
         target = self.path.targets[points]
         readings, with_error = self._intervals[:, order]
         names = [targets.names[i] for i in target.tolist()]
-        return messages.rows(
+        return messages.build_messages(
             ProgramPoint,
             number=points + 1,
             name=["".join(each if each.isprintable() else "?" for each in name) for name in names],
@@ -168,7 +181,7 @@ class WrittenPoints:
         )
 
     def _loaded_columns(self, block: slice) -> FloatArray:
-        """Return the columns `_LOADED` (b, 22) of a block of b points under load."""
+        """Return the numbers (b, 22) in the columns `_LOADED` for a block of b points under load."""
         corrections = self.corrections
         return np.column_stack(
             [
@@ -182,8 +195,8 @@ class WrittenPoints:
             ]
         )
 
-    def table(self) -> bytes:
-        """Return the bytes of a table of all points, in the order of the path; `points_sheet` reads them."""
+    def pack_table(self) -> bytes:
+        """Return a table of all points, in the order of the path, as bytes that `points_sheet` reads."""
         corrections, path = self.corrections, self.path
         numbers = np.full((len(_POSTURE) + len(_LOADED), len(path.targets)), np.nan, dtype=np.float32)
         numbers[:3], numbers[3 : len(_POSTURE)] = self.place.T, np.degrees(self.arm).T
@@ -193,7 +206,7 @@ class WrittenPoints:
         remark = np.full(len(path.targets), _REMARKS.index("no load"), dtype=np.uint8)
         remark[corrections.points] = _REMARKS.index("")
         remark[corrections.points[corrections.capped]] = _REMARKS.index("capped")
-        remark[corrections.points[corrections.uncertain]] = _REMARKS.index("uncertain: left alone")
+        remark[corrections.points[corrections.uncertain]] = _REMARKS.index(_UNCERTAIN)
         targets = path.program.targets
         names = "\n".join([targets.names[i] for i in path.targets.tolist()]).encode("latin-1")
         files = np.array([source.name for source in path.program.sources])
@@ -211,7 +224,7 @@ class WrittenPoints:
 
 
 def points_sheet(content: bytes) -> Sheet:
-    """Return the table of points from bytes of `WrittenPoints.table`; NaN for an empty cell."""
+    """Return the table of points from bytes of `WrittenPoints.pack_table`; NaN for an empty cell."""
     stored = io.BytesIO(content)
     numbers = dict[str, FloatArray]()
     for name in _POSTURE + _LOADED:
@@ -230,17 +243,24 @@ def points_sheet(content: bytes) -> Sheet:
 
 
 def _motions_in_mm(motion: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Split motions (k, 6) [m, rad] into displacements (k, 3), their lengths [mm], and rotations [mrad]."""
+    """Return displacements (k, 3) [mm], their lengths (k,) [mm], and rotation angles (k,) [mrad].
+
+    `motion` (k, 6) [m, rad] has displacements, then rotation vectors.
+    """
     return 1e3 * motion[:, :3], 1e3 * _vector_lengths(motion[:, :3]), 1e3 * _vector_lengths(motion[:, 3:])
 
 
 def _vector_lengths(vectors: FloatArray) -> FloatArray:
-    """Return the lengths of vectors along the last axis."""
+    """Return the Euclidean length of each vector along the last axis."""
     return np.asarray(np.linalg.norm(vectors, axis=-1))
 
 
-def rewritten(
-    path: ProgramPath, found: Corrections, model: ForwardModel, inverse: InverseKinematics, quantile: float
+def write_compensated_program(
+    path: ProgramPath,
+    corrections: Corrections,
+    model: ForwardModel,
+    inverse: InverseKinematics,
+    quantile: float,
 ) -> tuple[list[bytes], WrittenPoints]:
     """Write the compensated program, and check the written numbers with the model of the loaded robot.
 
@@ -253,32 +273,34 @@ def rewritten(
         ProgramError: a correction leads out of the joints' limits, or a corrected target is not reached.
     """
     robot, program, frames = model.robot, path.program, path.frames
-    _refuse_out_of_limits(path, robot, found)
-    targets, text = path.targets[found.points], Rewriting(program)
+    _refuse_out_of_limits(path, robot, corrections)
+    targets, rewriting = path.targets[corrections.points], Rewriting(program)
     residual, changed = np.empty((len(targets), 6)), np.zeros(len(targets), dtype=np.bool_)
     unreached: list[int] = []
-    for rows in text.blocks(targets):
-        block, cases = targets[rows], path.cases[found.points[rows]]
+    for rows in rewriting.blocks(targets):
+        block, cases = targets[rows], path.cases[corrections.points[rows]]
         by_joints, unit = program.targets.by_joints[block], program.targets.angle_unit[block, None]
-        commanded = Postures(robot, robot.joint_map.model_angles(found.commanded[rows]))
+        commanded = Postures(robot, robot.joint_map.model_angles(corrections.commanded[rows]))
         values = frames.numbers_of_poses(program, block, commanded.flange_pose)
-        before, after = (inverse.of_arm(each) for each in (cases.joints, found.commanded[rows]))
+        before, after = (
+            inverse.select_arm_joints(each) for each in (cases.joints, corrections.commanded[rows])
+        )
         values[by_joints, :6] = (after / unit)[by_joints]
-        values[found.share[rows] == 0.0] = np.nan  # a target without correction keeps its text
-        corrected = np.flatnonzero(~by_joints & (found.share[rows] > 0.0))
-        words = path.stated.edits(block[corrected], before[corrected], after[corrected])
-        numbers = text.replace(block, values, words)
+        values[corrections.share[rows] == 0.0] = np.nan  # a target without correction keeps its text
+        corrected = np.flatnonzero(~by_joints & (corrections.share[rows] > 0.0))
+        word_edits = path.stated.list_word_edits(block[corrected], before[corrected], after[corrected])
+        numbers = rewriting.replace(block, values, word_edits)
         as_read = program.targets.values[block, :NUMBERS]
         changed[rows] = (np.isfinite(as_read) & (as_read != numbers)).any(axis=1)
         # Pose and joints of the written numbers, and the wanted pose of the numbers before.
-        angles = robot.joint_map.model_angles(inverse.whole(numbers[:, :6] * unit))
+        angles = robot.joint_map.model_angles(inverse.insert_held_joints(numbers[:, :6] * unit))
         posed = np.flatnonzero(~by_joints)
         poses, goal = (frames.flange_poses(program, block[posed], each[posed]) for each in (numbers, as_read))
-        of_arm = inverse.of_arm(commanded.q)
+        of_arm = inverse.select_arm_joints(commanded.q)
         start = commanded if inverse.arm is robot and len(posed) == len(block) else None
-        arm_angles, reached = inverse.polished_from(poses, start or Postures(inverse.arm, of_arm[posed]))
-        angles[posed] = inverse.whole(arm_angles, of_model=True)
-        unreached += found.points[rows[posed[~reached]]].tolist()
+        arm_angles, reached = inverse.refine_from(poses, start or Postures(inverse.arm, of_arm[posed]))
+        angles[posed] = inverse.insert_held_joints(arm_angles, of_model=True)
+        unreached += corrections.points[rows[posed[~reached]]].tolist()
         wanted = robot.joint_map.model_angles(cases.joints)
         wanted_poses = np.empty((len(block), 4, 4))
         wanted_poses[posed], wanted_poses[by_joints] = goal, flange_poses(robot, wanted[by_joints])
@@ -288,18 +310,18 @@ def rewritten(
             "the robot does not reach the corrected target",
             "move the part away from the singularity",
         )
-        raise ProgramError([path.fault(point, reason, remedy) for point in sorted(unreached)])
+        raise ProgramError([path.make_fault(point, reason, remedy) for point in sorted(unreached)])
     points = WrittenPoints(
         path=path,
-        corrections=found,
+        corrections=corrections,
         residual=residual,
-        rounding=np.asarray(np.linalg.norm(residual[:, :3] - found.residual[:, :3], axis=1)),
+        rounding=np.asarray(np.linalg.norm(residual[:, :3] - corrections.residual[:, :3], axis=1)),
         changed=changed,
         place=_wanted_positions(path, robot),
-        arm=inverse.of_arm(path.cases.joints),
+        arm=inverse.select_arm_joints(path.cases.joints),
         quantile=quantile,
     )
-    return text.files(), points
+    return rewriting.files(), points
 
 
 def _wanted_positions(path: ProgramPath, robot: Robot) -> FloatArray:
@@ -319,15 +341,15 @@ def _refuse_out_of_limits(path: ProgramPath, robot: Robot, found: Corrections) -
     outside = ((angles < low - _TOLERANCE) | (angles > high + _TOLERANCE)).any(axis=1)
     reason = "the corrected target is outside of the joints' limits"
     remedy = "move the part, or omit its load"
-    faults = [path.fault(int(found.points[row]), reason, remedy) for row in np.flatnonzero(outside)]
+    faults = [path.make_fault(int(found.points[row]), reason, remedy) for row in np.flatnonzero(outside)]
     if faults:
         raise ProgramError(faults)
 
 
 def _interpret_external_axes(request: ProgramRequest, robot: Robot) -> ExternalAxes:
-    """Return whether the program's external axes may move the arm or the part.
+    """Return whether the program's external axes are joints of the robot, or may carry the arm or the part.
 
-    If the request does not say so, linear axes of the robot's model are taken for the external axes.
+    If the request does not say, they are joints of the robot if its model has linear axes.
     """
     if request.external_axes is not None:
         return ExternalAxes(request.external_axes)
@@ -335,7 +357,7 @@ def _interpret_external_axes(request: ProgramRequest, robot: Robot) -> ExternalA
 
 
 class ProgramWork(Work):
-    """The work of a compensated program; its units are points. Postures are computed when first needed."""
+    """Work of a compensated program, whose units are points; postures are computed when first needed."""
 
     unit = "points"
     activity = "compensating"
@@ -344,30 +366,31 @@ class ProgramWork(Work):
         """Read the program, and collect its loads.
 
         Raises:
-            RequestError: the request contradicts itself, the run has no model, or the program is not
-                understood.
+            RequestError: fields of the request contradict each other, the run has no model, or the program
+                is not understood.
         """
         if request.accuracy_option == "compensates_load":
             raise RequestError(
-                "the controller already compensates the load, which would be compensated twice",
+                "the controller already compensates the deflection under load, which must not be "
+                "compensated twice",
                 where="accuracy_option",
-                remedy="switch the controller's accuracy option off, measure with it off, and give `off`",
+                remedy="switch the controller's accuracy option off, repeat the measurement, and give `off`",
             )
         self.robot_id, self._request = robot_id, request
         options = request.model_dump_json(exclude={"run_id", "files"})
         contents = [each.content or "" for each in request.files]
-        self.input_hash = hash_of(run.provenance.input_hash, options, *contents)
+        self.input_hash = hash_texts(run.provenance.input_hash, options, *contents)
         with as_request_errors():
             length = LENGTH[request.units.length]
-            self._used = RunModel.of(
+            self._run_model = RunModel.from_run(
                 robot, run, absolute=request.absolute, masses=request.masses, length=length
             )
-        files = [(each.name, unpacked(each)) for each in request.files if each.name != request.loads]
+        files = [(each.name, decompress_file(each)) for each in request.files if each.name != request.loads]
         if request.loads is not None and len(files) == len(request.files):
             raise RequestError(
                 "the table of loads was not sent",
                 where="loads",
-                remedy="send it with the files of the program",
+                remedy="send the table together with the files of the program",
             )
         self._program = read_program(
             files,
@@ -376,29 +399,31 @@ class ProgramWork(Work):
             leave_others=request.leave_others,
             external_axes=_interpret_external_axes(request, robot),
         )
-        table = next((unpacked(each) for each in request.files if each.name == request.loads), None)
+        table = next((decompress_file(each) for each in request.files if each.name == request.loads), None)
         self._visits = Visits.collect(self._program, request, table)
 
     @cached_property
     def _inverse(self) -> InverseKinematics:
         """Inverse kinematics of the robot, near the posture `start` of the request."""
-        robot = self._used.model.robot
+        robot = self._run_model.model.robot
         with as_request_errors():
             return InverseKinematics(robot, start_joints(self._request, robot))
 
     @cached_property
     def _path(self) -> ProgramPath:
-        """Wanted postures and loads of the program's points."""
-        return find_path(self._program, self._request, self._used.model.robot, self._inverse, self._visits)
+        """Path of the program: wanted postures and loads of its points."""
+        return find_path(
+            self._program, self._request, self._run_model.model.robot, self._inverse, self._visits
+        )
 
     @cached_property
     def _ramp(self) -> FloatArray:
-        """Share (m,) of the correction at each point: along `ramp_length`, corrections fade in and out."""
+        """Share (m,) of the full correction at each point, which rises and falls along `ramp_length`."""
         length = LENGTH[self._request.units.length] * self._request.ramp_length
-        return ramp_shares(self._used.model.robot, self._path.cases, length)
+        return ramp_shares(self._run_model.model.robot, self._path.cases, length)
 
     def steps(self) -> Sequence[Span]:
-        """Return the steps of a long program, spans of its points under load; a short program has none."""
+        """Return spans of the points under load as steps; no steps for a short program."""
         points = max(len(self._program.targets), len(self._program.moves.visits))
         return () if points <= MAX_QUICK_POINTS else self._spans()
 
@@ -410,28 +435,30 @@ class ProgramWork(Work):
         """Compute the corrections of the points of a step; return the fields of `Corrections` by name.
 
         Raises:
-            RequestError: a load twists a joint of unknown stiffness, or the path is not reached.
+            RequestError: a load twists a joint of unknown stiffness, or the robot does not reach the path.
             ProgramError: the springs have no stable equilibrium under a load.
         """
         path, points = self._path, self._visits.loaded[slice(*span)]
-        model, inverse = self._used.model, self._inverse
+        model, inverse = self._run_model.model, self._inverse
 
         def hold_linear_axes(commanded: FloatArray) -> FloatArray:
-            # The arm alone makes the correction: linear axes keep their positions.
-            return inverse.standing(model.robot, commanded)
+            # Only the arm makes the correction: linear axes keep their positions.
+            return inverse.reach_with_held_joints(model.robot, commanded)
 
         try:
             cases = path.cases[points]
-            compensation = compensate(model, cases, self._limits(), self._ramp[points], hold_linear_axes)
+            compensation = compensate(
+                model, cases, self._correction_limits(), self._ramp[points], hold_linear_axes
+            )
         except RequestError as error:
             if error.where is None or not error.where.startswith("cases["):
                 raise
             # The solver names a load case by its index: report the line of the program instead.
             case = int(error.where.partition("[")[2].partition("]")[0])
-            raise ProgramError([path.fault(int(points[case]), error.reason, error.remedy)]) from error
+            raise ProgramError([path.make_fault(int(points[case]), error.reason, error.remedy)]) from error
         radius = extrapolation = np.full(len(points), np.nan)
-        if self._used.error is not None:
-            bound = self._used.error.bound(cases, compensation.leverage, self._request.confidence)
+        if self._run_model.error is not None:
+            bound = self._run_model.error.bound(cases, compensation.leverage, self._request.confidence)
             radius, extrapolation = bound.radius, np.maximum(bound.load_ratio, bound.leverage_ratio)
         return {**vars(compensation), "points": points, "model_error": radius, "extrapolation": extrapolation}
 
@@ -439,25 +466,33 @@ class ProgramWork(Work):
         """Write the compensated program, and return it with the residuals of its points.
 
         Raises:
-            RequestError: as `compute` does.
-            ProgramError: a corrected target is not reached.
+            RequestError: a load twists a joint of unknown stiffness, or the robot does not reach the path.
+            ProgramError: the robot does not reach a corrected target.
         """
-        corrections = Corrections(**joined(parts or map(self.compute, self._spans())))
+        corrections = Corrections(**concatenate_steps(parts or map(self.compute, self._spans())))
         del parts  # free the memory, as `corrections` is a copy
-        quantile = self._used.model.quantile(self._request.confidence)
-        contents, points = rewritten(self._path, corrections, self._used.model, self._inverse, quantile)
-        program, left, assessment = self._program, len(self._program.left), self._assessment(corrections)
+        quantile = self._run_model.model.quantile(self._request.confidence)
+        contents, points = write_compensated_program(
+            self._path, corrections, self._run_model.model, self._inverse, quantile
+        )
+        program, left, assessment = (
+            self._program,
+            len(self._program.left),
+            self._assess_corrections(corrections),
+        )
         if (self._request.mark or assessment.verdict == "do_not_use" or left) and points.changed.any():
             counts = datetime.now(UTC).date(), len(program.moves) + left, left
-            contents[0] = marked(program.format, contents[0], self._used.run.id, assessment.verdict, *counts)
-        files = [packed(source.name, contents.pop(0)) for source in program.sources]
+            contents[0] = insert_mark(
+                program.format, contents[0], self._run_model.run.id, assessment.verdict, *counts
+            )
+        files = [compress_file(source.name, contents.pop(0)) for source in program.sources]
         return self._make_result(points, files, assessment)
 
-    def _assessment(self, corrections: Corrections) -> Assessment:
-        """Return the verdict on the compensated program, with reasons of its own and of the run.
+    def _assess_corrections(self, corrections: Corrections) -> Assessment:
+        """Return the verdict on the compensated program, with its reasons and those of the run.
 
         Raises:
-            VerdictError: limits reduce corrections, and the request does not accept this.
+            VerdictError: limits reduce corrections, and the request has no `accept_verdict`.
         """
         left, points = len(self._program.left), len(corrections.points)
         moves, capped = len(self._program.moves) + left, int(corrections.capped.sum())
@@ -465,36 +500,41 @@ class ProgramWork(Work):
         turn = np.abs(corrections.commanded - self._path.cases.joints[corrections.points]).max(
             axis=1, initial=0.0
         )
-        near, run = int((turn > _TURNED).sum()), self._used.result
+        near_singularity, run = int((turn > _TURNED).sum()), self._run_model.result
         reasons = [
-            *of_deflection(float(lengths.max(initial=0.0)), run),
-            *of_points([*np.unique(self._path.cases.load_point, axis=0).tolist()]),
-            *of_campaign(int((corrections.extrapolation > EXTRAPOLATED).sum()), points, "points"),
+            *find_implausible_deflection(float(lengths.max(initial=0.0)), run),
+            *find_far_points([*np.unique(self._path.cases.load_point, axis=0).tolist()]),
+            *find_beyond_campaign(int((corrections.extrapolation > EXTRAPOLATED).sum()), points, "points"),
         ]
         if not corrections.correction.any():
             message = "nothing is corrected: no point is loaded, or each deflection is below its uncertainty"
             remedy = "state the load; measure more if the deflections matter"
-            reasons.append(own_reason("nothing_corrected", "use_with_care", message, remedy))
+            reasons.append(make_reason("nothing_corrected", "use_with_care", message, remedy))
         if left:
-            message = f"{moves - left} of {moves} moves corrected, {left} left"
-            remedy = "check that the moves that are left do not need a correction"
-            reasons.append(own_reason("moves_left", "use_with_care", message, remedy))
+            message = f"{moves - left} of {moves} moves were corrected, {left} were left unchanged"
+            remedy = "check that the unchanged moves need no correction"
+            reasons.append(make_reason("moves_left", "use_with_care", message, remedy))
         if capped:
             weight: Verdict = "do_not_use" if capped == points else "use_with_care"
             message = f"the limits reduce the corrections of {capped} of {points} points"
             remedy = "check the load and its unit, then raise `max_displacement` or `max_rotation`"
-            reasons.append(own_reason("corrections_capped", weight, message, remedy))
-        if near:
-            message = f"{near} of {points} points are near a singularity: joints turn by over {_TURNED:g} rad"
+            reasons.append(make_reason("corrections_capped", weight, message, remedy))
+        if near_singularity:
+            message = (
+                f"{near_singularity} of {points} points are near a singularity: joints turn by over "
+                f"{_TURNED:g} rad"
+            )
             remedy = "move the part away from the singularity"
-            reasons.append(own_reason("near_singularity", "use_with_care", message, remedy))
+            reasons.append(make_reason("near_singularity", "use_with_care", message, remedy))
         if capped and self._request.accept_verdict is None:
             items = [("the program", each.message, each.remedy) for each in reasons]
-            raise VerdictError.of("a program whose corrections are held back", "max_displacement", items)
-        return judged("program", reasons, run.assessment)
+            raise VerdictError.for_result(
+                "a program whose corrections exceed the limits", "max_displacement", items
+            )
+        return assess_with_run("program", reasons, run.assessment)
 
-    def _limits(self) -> CorrectionLimits:
-        """Return the limits of a correction in m and rad, as the request states or by default."""
+    def _correction_limits(self) -> CorrectionLimits:
+        """Return the limits of a correction in m and rad, from the request or the default limits."""
         request, usual = self._request, CorrectionLimits()
         length, angle = LENGTH[request.units.length], ANGLE[request.units.angle]
         return CorrectionLimits(
@@ -514,11 +554,11 @@ class ProgramWork(Work):
         }
         kind: ProgramFormat = program.format  # type: ignore[assignment]
         deflection, correction, residual = (
-            points.spread(np.linalg.norm(vectors[:, :3], axis=1))
+            points.summarize_sizes(np.linalg.norm(vectors[:, :3], axis=1))
             for vectors in (corrections.uncorrected, corrections.correction, points.residual)
         )
         return ProgramResult(
-            joint_kinds=kinds_of(self._used.model.robot),
+            joint_kinds=joint_kinds_by_name(self._run_model.model.robot),
             assessment=assessment,
             format=kind,
             points=len(program.targets),
@@ -530,43 +570,43 @@ class ProgramWork(Work):
             deflection=deflection,
             correction=correction,
             residual=residual,
-            rounding=points.spread(points.rounding),
+            rounding=points.summarize_sizes(points.rounding),
             confidence=self._request.confidence,
-            worst=points.worst(),
-            remarks=self._remarks(),
+            worst=points.list_worst_points(),
+            remarks=self._list_remarks(),
             files=files,
-            table=packed("points", points.table()),
+            table=compress_file("points", points.pack_table()),
         )
 
-    def _remarks(self) -> list[str]:
-        """Return remarks of the run's model, then lines of the program that were not corrected, by reason."""
+    def _list_remarks(self) -> list[str]:
+        """Return remarks on the run's model, then a remark for each reason why lines were not corrected."""
         lines: dict[str, list[int]] = {}
         for remark in self._program.left_alone:
             lines.setdefault(remark.text, []).append(remark.line)
         for each in self._program.left:
-            lines.setdefault(f"left: {each.reason}; {each.remedy}", []).append(each.line)
+            lines.setdefault(f"left unchanged: {each.reason}; {each.remedy}", []).append(each.line)
         left = [f"{_line_numbers(numbers)}: {reason}" for reason, numbers in lines.items()]
-        more = [f"… and {len(left) - _MAX_REMARKS} more"] if len(left) > _MAX_REMARKS else []
-        remarks = self._used.remarks(self._request.confidence)
+        more = [f"… and {len(left) - _MAX_REMARKS} more remarks"] if len(left) > _MAX_REMARKS else []
+        remarks = self._run_model.remarks(self._request.confidence)
         return [*remarks, *left[:_MAX_REMARKS], *more]
 
 
 def _line_numbers(lines: Sequence[int]) -> str:
-    """Return line numbers as text, such as "lines 3, 7": the first five, and how many more."""
+    """Return line numbers as text, such as "lines 3, 7": the first five, and the number of further lines."""
     first = ", ".join(map(str, lines[:5]))
     more = f" and {len(lines) - 5} more" if len(lines) > 5 else ""
     return f"line {first}" if len(lines) == 1 else f"lines {first}{more}"
 
 
-def packed(name: str, content: bytes) -> ProgramFile:
-    """Return a file as it is stored: compressed and in base64, with its size and SHA-256 digest."""
+def compress_file(name: str, content: bytes) -> ProgramFile:
+    """Return a file to store: compressed content in base64, with size and SHA-256 digest of the content."""
     text = base64.b64encode(zlib.compress(content, 1)).decode("ascii")
     digest = hashlib.sha256(content).hexdigest()
     return ProgramFile(name=name, bytes=len(content), content=text, sha256=digest)
 
 
-def unpacked(file: ProgramFile) -> bytes:
-    """Return the content of a stored file, decompressed.
+def decompress_file(file: ProgramFile) -> bytes:
+    """Return the decompressed content of a stored file, at most `_MAX_UNPACKED` bytes.
 
     Raises:
         RequestError: the file has no content.
@@ -583,11 +623,11 @@ def prepare_compensation(inputs: Inputs, request: ProgramRequest) -> ProgramWork
         RequestError: the run does not exist or has no model for predictions; or the request has no files,
             does not fit the run, or has a program that was compensated already.
     """
-    run = accepted_run(inputs, request.run_id, request.accept_verdict)
+    run = find_accepted_run(inputs, request.run_id, request.accept_verdict)
     if not request.files:
         raise RequestError("no file was sent", where="files", remedy="send the program")
-    sent = {hashlib.sha256(unpacked(file)).hexdigest() for file in request.files}
-    for summary in inputs.listed(Program, run.prepared.robot_id):
+    sent = {hashlib.sha256(decompress_file(file)).hexdigest() for file in request.files}
+    for summary in inputs.job_summaries(Program, run.prepared.robot_id):
         if sent.intersection(summary.get("outputs", ())):
             raise RequestError(
                 f"a file is the output of the compensated program '{summary['id']}'",

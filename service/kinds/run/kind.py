@@ -33,9 +33,9 @@ from jointstiff.service.tables.table import (
     Part,
     Sheet,
     Table,
-    number,
-    percent,
-    rounded,
+    format_percent,
+    format_rounded,
+    number_formatter,
 )
 from jointstiff.solver.text import figure, length_text, posture_text
 
@@ -50,19 +50,19 @@ _WORDS: Final = {
     "use_with_care": Line("use with care", "care"),
     "do_not_use": Line("do not use", "bad"),
 }
-"""Words for the status of a joint, or for the verdict on an identified one."""
+"""Words for the status of a joint or, for an identified joint, for the verdict."""
 _GRADES: Final = {0.05: "well determined", 0.2: "determined"}
-"""Words by the greatest half width of the interval relative to the stiffness, narrowest first."""
+"""Words for a good joint, by the greatest half width of the interval relative to the stiffness."""
 
 
 def report(job: Run, result: RunResult, view: View) -> Report:
-    """Return the table of joints, the summary of the fit and advice; `view.details` adds the evidence."""
+    """Return the report: joints, summary of the fit, and advice; `view.details` adds the evidence."""
     parts: list[Part] = [
         _joints_table(job, result, view.unit),
         *joint_reason_lines((joint.name, joint.reason) for joint in result.joints),
         _fit_summary(result),
     ]
-    # With such a mistake in the readings, the rest of the report would mislead.
+    # If the readings have a mistake that spoils every number, the rest of the report would mislead.
     if not view.details and not ROOT_MISTAKES.isdisjoint(each.code for each in result.assessment.reasons):
         return Report(parts[:1])
     if result.weight is not None:
@@ -77,7 +77,7 @@ def report(job: Run, result: RunResult, view: View) -> Report:
 
 
 def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
-    """Return the table of joints: stiffness with uncertainty and interval, influence of a prior, verdict."""
+    """Return the table of joints: stiffness with uncertainty and interval, weight of a prior, verdict."""
     request, joints = run.request, result.joints
     constraint = "compliance ≥ 0" if request.positive else "unconstrained"
     method = f"{METHOD_NAMES[request.method]}, {request.weighting} weights"
@@ -99,8 +99,8 @@ def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
     )
 
 
-def before_and_after(before: RunResult, after: RunResult, unit: StiffnessUnit) -> Table:
-    """Return a table of two runs in columns: verdict, explained deflection, residual, joint stiffnesses."""
+def before_after_table(before: RunResult, after: RunResult, unit: StiffnessUnit) -> Table:
+    """Return a table that compares two runs: verdict, explained deflection, residual, stiffnesses."""
 
     def column(result: RunResult) -> list[str]:
         share = result.compensation
@@ -125,7 +125,7 @@ def before_and_after(before: RunResult, after: RunResult, unit: StiffnessUnit) -
 
 
 def _weight_lines(weight: WeightResult) -> Iterator[Line]:
-    """Yield how much uncertain masses add to each joint's interval, and how much sag improves the fit."""
+    """Yield lines on the share of uncertain masses in the intervals, and on the residual without sag."""
     shares = [f"{each.joint} {100 * each.masses:.0f} %" for each in weight.joints if each.masses is not None]
     if shares:
         yield Line(f"  share of uncertain masses in each interval: {', '.join(shares)}")
@@ -133,23 +133,30 @@ def _weight_lines(weight: WeightResult) -> Iterator[Line]:
     yield Line(
         f"  without sag, the best geometry leaves {length_text(before)} rms of a coordinate; "
         f"with sag, {length_text(after)}"
-        + (": the arm bends too little under its own weight to gain much" if after > 0.9 * before else "")
+        + (
+            ": the sag of the arm under its own weight is too small to improve the fit much"
+            if after > 0.9 * before
+            else ""
+        )
     )
 
 
 def _verdict_cell(joint: JointResult) -> Line:
-    """Return the verdict on a joint as a cell: how well it is determined, or why it is not to be used."""
+    """Return a joint's cell in the column of verdicts: how well it is determined, or why not to use it."""
     if joint.status != "identified" or joint.verdict != "use":
         return _WORDS[joint.verdict if joint.status == "identified" else joint.status]
     low, high = joint.stiffness_interval or (None, None)
     if low is None or high is None or not joint.stiffness:
         return Line("no interval", "care")
-    met = [limit for limit in _GRADES if (high - low) / 2 / joint.stiffness <= limit]
-    return Line(_GRADES[met[0]] if met else "roughly known", "good")
+    limits = [limit for limit in _GRADES if (high - low) / 2 / joint.stiffness <= limit]
+    return Line(_GRADES[limits[0]] if limits else "roughly known", "good")
 
 
 def _prior_cell(joint: JointResult, *, known: bool) -> str:
-    """Format the ratio of the prior's information on a joint to the readings' information."""
+    """Format the ratio of information on a joint from its prior to information from the readings.
+
+    `known` is true if the joint has a prior.
+    """
     if joint.prior_to_data is not None:
         return f"{joint.prior_to_data:.2g}"
     return "prior only" if known and joint.status != "not_observable" else "—"
@@ -168,19 +175,20 @@ def _fit_summary(result: RunResult) -> Line:
 
 
 def _advice_lines(run: Run, result: RunResult, *, details: bool) -> Iterator[str]:
-    """Yield advice on what to measure next: the first piece for each joint, or with details every piece."""
-    advised = set()
+    """Yield advice on what to measure next: one reading for each joint, or with `details` all readings."""
+    advised_joints = set()
     joints = {joint.name: joint for joint in result.joints}
     for advice in result.identifiability.advice:
         if details:
             yield f"{advice.joint}: {advice.message}"
-        elif advice.joint not in advised:
-            advised.add(advice.joint)
-            gain = _promised_gain(run, advice, joints[advice.joint])
-            yield f"{advice.joint}: {_reading(advice, [joint.kind for joint in result.joints])}{gain}"
+        elif advice.joint not in advised_joints:
+            advised_joints.add(advice.joint)
+            gain = _predicted_gain_text(run, advice, joints[advice.joint])
+            reading = _advised_reading_text(advice, [joint.kind for joint in result.joints])
+            yield f"{advice.joint}: {reading}{gain}"
 
 
-def _reading(advice: Advice, kinds: Sequence[JointKind]) -> str:
+def _advised_reading_text(advice: Advice, kinds: Sequence[JointKind]) -> str:
     """Describe an advised reading in words: force, direction and posture."""
     size = sqrt(sum(part**2 for part in advice.force))
     along = ", ".join(f"{part / size + 0.0:.2f}" for part in advice.force)  # + 0.0 turns −0 into 0
@@ -188,10 +196,10 @@ def _reading(advice: Advice, kinds: Sequence[JointKind]) -> str:
     return f"{figure(size)} N along ({along}) in posture {posture}"
 
 
-def _promised_gain(run: Run, advice: Advice, joint: JointResult) -> str:
-    """Describe how an advised reading would reduce a joint's uncertainty; "" where this is not predicted.
+def _predicted_gain_text(run: Run, advice: Advice, joint: JointResult) -> str:
+    """Describe how an advised reading would reduce a joint's uncertainty; "" if this is not predicted.
 
-    The prediction holds for the partial pose with covariance weights and without priors.
+    The prediction is valid only for the partial pose with covariance weights and without priors.
     """
     request = run.request
     u, ratio = joint.standard_uncertainty, advice.uncertainty_ratio
@@ -216,20 +224,23 @@ _SIGMA = {
 
 
 def detail_lines(result: RunResult) -> list[Line]:
-    """Return the lines that `--details` adds on suspicious readings, fit, uncertainties, observability."""
-    lines = [Line(f"  {line}", "care") for line in _suspicious(result)]
+    """Return lines for `--details`: suspicious readings, fit, sources of uncertainty, observability."""
+    lines = [Line(f"  {line}", "care") for line in _suspicious_lines(result)]
     others = (
-        *_goodness(result),
-        *_budget(result),
-        *_complementary_stiffness(result),
-        *(f"causes tested with the joints, p-value: {line}" for line in causes_tested(result)),
-        *_identifiability(result.identifiability),
+        *_goodness_lines(result),
+        *_budget_lines(result),
+        *_complementary_stiffness_lines(result),
+        *(f"causes tested with the joints, p-value: {line}" for line in list_tested_causes(result)),
+        *_identifiability_lines(result.identifiability),
     )
     return [*lines, *(Line(f"  {line}", "dim") for line in others)]
 
 
-def causes_tested(result: RunResult) -> Iterator[str]:
-    """Yield a line with the systematic causes that were fitted with the joints, and their p-values."""
+def list_tested_causes(result: RunResult) -> Iterator[str]:
+    """Yield one line with the systematic causes that were fitted with the joints, and their p-values.
+
+    Yield nothing if no causes were fitted.
+    """
     if result.causes:
         begins = {None: ""} | {each.first: f" since {each.first}" for each in result.causes if each.first}
         yield ", ".join(
@@ -238,8 +249,8 @@ def causes_tested(result: RunResult) -> Iterator[str]:
         )
 
 
-def _goodness(result: RunResult) -> Iterator[str]:
-    """Yield a line with χ² per degree of freedom, where sigma was given and not estimated."""
+def _goodness_lines(result: RunResult) -> Iterator[str]:
+    """Yield a line with χ² per degree of freedom, if the user gave sigma; else nothing."""
     goodness = result.goodness
     if goodness.sigma_source == "given" and goodness.degrees_of_freedom > 0:
         ratio = goodness.chi_square / goodness.degrees_of_freedom
@@ -265,8 +276,8 @@ _SOURCES = {
 }
 
 
-def _budget(result: RunResult) -> Iterator[str]:
-    """Yield a line for each source of uncertainty: its least and greatest share of a joint's compliance."""
+def _budget_lines(result: RunResult) -> Iterator[str]:
+    """Yield a line for each source of uncertainty: least and greatest uncertainty in % of a compliance."""
     budget = result.budget
     if budget is None:
         return
@@ -283,8 +294,8 @@ def _budget(result: RunResult) -> Iterator[str]:
             )
 
 
-def _complementary_stiffness(result: RunResult) -> Iterator[str]:
-    """Yield a line on the complementary stiffness K_c, by which the load changes with the deflection."""
+def _complementary_stiffness_lines(result: RunResult) -> Iterator[str]:
+    """Yield a line on the complementary stiffness K_c, the change of the load's torques with deflection."""
     size = result.complementary_stiffness
     if size is None:
         return
@@ -297,7 +308,7 @@ def _complementary_stiffness(result: RunResult) -> Iterator[str]:
     yield f"complementary stiffness {verb} a compliance{shift} (K_c/k at most {size.largest_ratio:.2g})"
 
 
-def _suspicious(result: RunResult) -> Iterator[str]:
+def _suspicious_lines(result: RunResult) -> Iterator[str]:
     """Yield lines on the readings to which the Huber loss gives less weight, worst first."""
     threshold, count = result.huber_threshold, result.suspicious_count
     if threshold is None:
@@ -313,7 +324,7 @@ def _suspicious(result: RunResult) -> Iterator[str]:
         yield f"and {hidden} more"
 
 
-def _identifiability(found: Identifiability) -> Iterator[str]:
+def _identifiability_lines(found: Identifiability) -> Iterator[str]:
     """Yield observability indices, the condition number, and the joints that are determined worst."""
     if found.observability is not None and found.condition_number is not None:
         indices = ", ".join(f"{name.upper()} {value:.2g}" for name, value in found.observability.items())
@@ -330,19 +341,19 @@ _MODEL_NAMES = {
     "links_and_base": "joints, links and base",
 }
 _NO_COMPLIANCE: Final = 1e-9
-"""Principal compliance relative to the greatest, below which it is a rounding error and shown as zero."""
+"""Share of the greatest principal compliance, below which a compliance is rounding error, shown as 0."""
 _CHOSEN = {"given": "given", "cross_validation": "by cross-validation"}
 
 
 def _choice_lines(choice: ModelChoice, links: LinksResult | None, *, details: bool) -> list[Part]:
-    """Return a line on the elastic model; none where the user gave it, or where the details have a table."""
+    """Return a line on the elastic model; none if the user chose the model, or the details have a table."""
     if links is not None:
         return [] if details else [links_line(links, choice)]
     return [] if choice.source == "given" else [Line(f"  {choice.message}", "dim")]
 
 
 def _choice_evidence(choice: ModelChoice, links: LinksResult | None) -> list[Part]:
-    """Return the tables of details on the elastic model: its links, or the models that were compared."""
+    """Return tables on the elastic model for the details: its links, or the models that were compared."""
     if links is not None:
         return [Line(""), *links_report(links, choice)]
     return [Line(""), choice_table(choice)] if choice.models else []
@@ -371,21 +382,23 @@ def links_report(links: LinksResult, choice: ModelChoice) -> list[Part]:
 
 
 def links_line(links: LinksResult, choice: ModelChoice) -> Line:
-    """Return a line on how much more the model with elastic links explains than joints alone."""
+    """Return a line on the deflection that elastic links explain, compared with elastic joints alone."""
     model, losses = choice.elasticity, {**choice.losses, choice.elasticity: choice.loss}
     scores = {each.model: each.compensation for each in choice.models if each.loss == losses[each.model]}
     if choice.simplest is None or not {"joints", model} <= set(scores):
-        return Line(f"  {_MODEL_NAMES[model]}: {percent(1.0 - links.unexplained)} of the squared deflection")
+        return Line(
+            f"  {_MODEL_NAMES[model]}: {format_percent(1.0 - links.unexplained)} of the squared deflection"
+        )
     simplest = f"; simplest good model: {_MODEL_NAMES[choice.simplest]}"
     return Line(
-        f"  {_MODEL_NAMES[model]} with loss {choice.loss} explain {percent(scores[model])} of "
-        f"held-out postures, joints alone {percent(scores['joints'])}"
+        f"  {_MODEL_NAMES[model]} with loss {choice.loss} explain {format_percent(scores[model])} of "
+        f"held-out postures, joints alone {format_percent(scores['joints'])}"
         f"{'' if choice.simplest == model else simplest}"
     )
 
 
 def _elements_table(links: LinksResult) -> Table:
-    """Return the share of each elastic element (joint, link, base) in the squared deflection."""
+    """Return a table of the share of each elastic element (joint, link, base) in the squared deflection."""
     elements = links.elements
     names = [
         f"link behind {each.joint}" if each.kind == "link" else each.joint or each.kind for each in elements
@@ -395,9 +408,9 @@ def _elements_table(links: LinksResult) -> Table:
     return Table(
         [
             Column("element", [*names, "unexplained"], text=True),
-            Column("overall", [*(each.share for each in elements), links.unexplained], percent),
-            Column("least", [*least, None], percent),
-            Column("greatest", [*greatest, None], percent),
+            Column("overall", [*(each.share for each in elements), links.unexplained], format_percent),
+            Column("least", [*least, None], format_percent),
+            Column("greatest", [*greatest, None], format_percent),
         ],
         title="Share of the squared deflection",
         caption="sum 100 %; what the run explains of the mean deflection is a share of lengths",
@@ -405,7 +418,7 @@ def _elements_table(links: LinksResult) -> Table:
 
 
 def _links_table(links: LinksResult, model: ElasticModel) -> Table:
-    """Return the principal compliances of each elastic link, with the link's effective parameters."""
+    """Return a table of each elastic link's principal compliances and effective number of parameters."""
     return Table(
         [
             Column("behind", [link.joint for link in links.links], text=True),
@@ -420,7 +433,7 @@ def _links_table(links: LinksResult, model: ElasticModel) -> Table:
 
 
 def _base_table(base: ElasticCompliance) -> Table:
-    """Return the principal compliances and stiffnesses of the base, each a row with its direction."""
+    """Return a table of the base: direction, compliance and stiffness for each principal direction."""
     rows = []
     for name, parts, of_compliance, of_stiffness, scale in (
         ("translation", base.translation, "µm/kN", "N/µm", 1e-6),
@@ -445,7 +458,7 @@ def _base_table(base: ElasticCompliance) -> Table:
 
 
 def _principal_compliances(link: ElasticCompliance, kind: str) -> str:
-    """Format a link's principal compliances, of `translation` in µm/kN or of `rotation` in µrad/(kN·m)."""
+    """Format a link's principal compliances; `kind` is "translation" (µm/kN) or "rotation" (µrad/(kN·m))."""
     values = link.translation if kind == "translation" else link.rotation
     rounding = _NO_COMPLIANCE * values[0].value
     return ", ".join(f"{1e9 * each.value if each.value > rounding else 0.0:.3g}" for each in values)
@@ -458,9 +471,9 @@ def choice_table(choice: ModelChoice) -> Table:
         [
             Column("model", [_MODEL_NAMES[each.model] for each in models], text=True),
             Column("loss", [each.loss for each in models], text=True),
-            Column("compensation", [each.compensation for each in models], percent),
-            Column("std. error", [each.standard_error for each in models], percent),
-            Column("penalty", [each.penalty for each in models], number(".2g")),
+            Column("compensation", [each.compensation for each in models], format_percent),
+            Column("std. error", [each.standard_error for each in models], format_percent),
+            Column("penalty", [each.penalty for each in models], number_formatter(".2g")),
             Column("", [_model_mark(each, choice) for each in models], text=True),
         ],
         title="Compensation of held-out configurations",
@@ -470,7 +483,7 @@ def choice_table(choice: ModelChoice) -> Table:
 
 
 def _model_mark(scored: ScoredModel, choice: ModelChoice) -> str:
-    """Return the remark on a model and loss: used by this run, simplest good model, or best."""
+    """Return the remarks on a model and loss, such as "this run" or "best"; "" if it has none."""
     is_chosen = (scored.model, scored.loss) == (choice.elasticity, choice.loss)
     marks = ["this run"] if is_chosen else []
     if scored.loss == choice.losses.get(scored.model):
@@ -494,14 +507,14 @@ def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit
         names.append("compensation")
 
     def column(name: str, values: list[str], last: float | None) -> Column:
-        whole = [] if len(names) == len(values) else [percent(last)]
+        whole = [] if len(names) == len(values) else [format_percent(last)]
         return Column(name, [*values, *whole])
 
     return Table(
         [
             Column("joint", names, text=True),
-            column("mean", [_rounded(mean, u) for mean, u in moments], compensation),
-            column("deviation", [_rounded(u, u) for _, u in moments], deviation),
+            column("mean", [_rounded_or_dash(mean, u) for mean, u in moments], compensation),
+            column("deviation", [_rounded_or_dash(u, u) for _, u in moments], deviation),
             column("negative", [f"{100 * joint.share_negative:.3g} %" for joint in joints], None),
             column("rigid", [f"{100 * joint.share_infinite:.3g} %" for joint in joints], None),
             column("undetermined", [f"{100 * joint.share_undetermined:.3g} %" for joint in joints], None),
@@ -512,22 +525,22 @@ def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit
     )
 
 
-def _rounded(value: float | None, uncertainty: float | None) -> str:
-    """Round a value to the digits that its uncertainty allows; a dash without value."""
-    return NO_NUMBER if value is None else rounded(value, uncertainty)
+def _rounded_or_dash(value: float | None, uncertainty: float | None) -> str:
+    """Format a value with the digits that its uncertainty justifies; return a dash if the value is None."""
+    return NO_NUMBER if value is None else format_rounded(value, uncertainty)
 
 
 def mean_and_deviation(joint: ResampledJoint, unit: StiffnessUnit) -> tuple[float | None, float | None]:
-    """Return mean and standard deviation of a joint's stiffness or compliance over all fits, in `unit`.
+    """Return mean and standard deviation, over all fits, of a joint's stiffness or compliance in `unit`.
 
-    Both numbers are None if a fit does not determine the joint.
+    Both numbers are None if one of the fits does not determine the joint.
     """
     moments = (
         (joint.compliance_mean, joint.compliance_deviation)
         if unit.inverse
         else (joint.stiffness_mean, joint.stiffness_deviation)
     )
-    factor = unit.of(joint.kind).factor
+    factor = unit.for_kind(joint.kind).factor
     mean, deviation = (None if value is None else factor * value for value in moments)
     return mean, deviation
 
@@ -555,14 +568,14 @@ def charts(result: RunResult) -> list[Chart]:
 
 
 def joints_sheet(run: Run) -> Sheet:
-    """Return the file `joints.csv`: a row for each joint; empty without result."""
+    """Return the file `joints.csv`: a row for each joint; empty if the run has no result."""
     joints = run.result.joints if run.result else []
-    return Sheet.of_joints(Sheet.of_fields(joints, _JOINTS), [joint.kind for joint in joints])
+    return Sheet.with_joint_kinds(Sheet.from_messages(joints, _JOINTS), [joint.kind for joint in joints])
 
 
 def residuals_sheet(run: Run) -> Sheet:
-    """Return the file `residuals.csv`: a row for each observation and target; empty without result."""
-    return Sheet.of_fields(run.result.residuals if run.result else [], _RESIDUALS)
+    """Return the file `residuals.csv`: a row for each observation and target; empty if no result."""
+    return Sheet.from_messages(run.result.residuals if run.result else [], _RESIDUALS)
 
 
 _JOINTS: Final = {

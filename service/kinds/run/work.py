@@ -8,20 +8,20 @@ from jointstiff.schemas.run import RunRequest, RunResult
 from jointstiff.service.conversion.prepared import PreparedSet
 from jointstiff.service.kinds.work import Arrays, Span, Work
 from jointstiff.service.resources.inputs import Inputs
-from jointstiff.solver.own_weight.run import with_only_load
+from jointstiff.solver.own_weight.run import choose_own_weight_if_unloaded
 from jointstiff.solver.run import Identification
 
 
 class RunWork(Work):
-    """The work of a run. Only resampling and the comparison of models on held-out postures take steps."""
+    """Work of a run; only resampling, and cross-validation of elastic models, take steps."""
 
     def __init__(self, prepared: PreparedSet, request: RunRequest) -> None:
-        """Check the request, and complete it by its only load if that is the robot's own weight.
+        """Check the request and prepare the identification; if own weight is the only load, add it.
 
         Raises:
             RequestError: the readings cannot support the request.
         """
-        request = with_only_load(prepared.robot, prepared.measurements, request)
+        request = choose_own_weight_if_unloaded(prepared.robot, prepared.measurements, request)
         self.robot_id, self.input_hash = prepared.robot_id, prepared.run_hash(request)
         self.details = {"request": request}
         self._run = Identification(prepared.robot, prepared.measurements, request, prepared.warnings)
@@ -29,7 +29,7 @@ class RunWork(Work):
             self.unit, self.activity = self._run.long.unit, self._run.long.activity
 
     def steps(self) -> Sequence[Span]:
-        """Return the steps of the run; none if the run is quick."""
+        """Return the steps of the run; no steps if the run is quick."""
         return () if self._run.long is None else self._run.long.steps()
 
     def compute(self, span: Span) -> Arrays:

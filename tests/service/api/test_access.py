@@ -28,9 +28,9 @@ from jointstiff.service.security.access import (
     address_of,
     operation_id,
 )
-from jointstiff.service.security.admission import Posture
+from jointstiff.service.security.admission import AccessPolicy
 from jointstiff.service.security.keys import digest, mint
-from jointstiff.service.server import _configuration
+from jointstiff.service.server import _configure_uvicorn
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -310,7 +310,7 @@ ROBOT = EXAMPLES["robots"]["modified DH"]
 def named():
     """A client of an empty service; who changes something needs one of its own."""
     with Store.open("sqlite://") as store:
-        yield Client(store, Posture.of("127.0.0.1", ("cell3",), access_control=True))
+        yield Client(store, AccessPolicy.from_address("127.0.0.1", ("cell3",), access_control=True))
 
 
 def assert_refused(answer: httpx2.Response, status: int, reason: str, remedy: str) -> None:
@@ -394,14 +394,14 @@ def test_changes_that_other_sites_ask_for_are_refused(named, headers, method, pa
 )
 def test_the_own_page_and_programs_may_change(headers):
     with Store.open("sqlite://") as store:
-        named = Client(store, Posture.of("127.0.0.1", (), access_control=True))
+        named = Client(store, AccessPolicy.from_address("127.0.0.1", (), access_control=True))
         assert named.request("POST", "/v1/robots", json=ROBOT, headers=headers).status_code == 201
 
 
 def test_a_service_that_awaits_its_key_answers_its_own_machine_only():
     """As the image does: Docker hands on what comes to a published port from an address of its own."""
     with Store.open("sqlite://") as store:
-        posture = Posture.of("0.0.0.0", (), access_control=True)  # noqa: S104 - the address of containers
+        posture = AccessPolicy.from_address("0.0.0.0", (), access_control=True)  # noqa: S104 - the address of containers
         beyond = Client(store, posture, address="172.17.0.1")
         for method, path in (("GET", "/"), ("GET", "/v1/robots"), ("POST", "/v1/robots")):
             answer = beyond.request(method, path, json=None if method == "GET" else ROBOT)
@@ -427,7 +427,7 @@ def test_only_a_configured_proxy_says_where_a_request_comes_from(trusted, seen, 
     async def app(scope, _receive, _send):
         addresses.append(scope["client"][0])
 
-    config = _configuration(app, LogFormat.JSON)
+    config = _configure_uvicorn(app, LogFormat.JSON)
     config.load()
     headers = [(b"x-forwarded-for", b"198.51.100.9")]
     scope = {"type": "http", "client": ("127.0.0.1", 80), "scheme": "http", "headers": headers}

@@ -12,7 +12,7 @@ from support.outcomes import outcome_of
 from support.terminal import terminal
 
 from jointstiff.service.api.examples import EXAMPLES
-from jointstiff.service.security.admission import Posture
+from jointstiff.service.security.admission import AccessPolicy
 from jointstiff.service.security.keys import digest, mint
 from jointstiff.service.store.store import Store
 
@@ -300,7 +300,7 @@ def test_the_audit_as_a_table_names_its_columns(client):
     ],
 )
 def test_names_and_keys_decide_who_is_answered(address, hosts, access_control, access, answered, host):
-    posture = Posture.of(address, hosts, access_control=access_control)
+    posture = AccessPolicy.from_address(address, hosts, access_control=access_control)
     assert posture.access == access
     with Store.open("sqlite://") as store:
         store.keys.add(KEYS["viewer"].record)
@@ -316,7 +316,7 @@ def test_names_and_keys_decide_who_is_answered(address, hosts, access_control, a
 )
 def test_nothing_is_answered_where_nobody_controls_access(address, require_key, reason):
     with pytest.raises(ValueError, match=reason):
-        Posture.of(address, (), access_control=False, require_key=require_key)
+        AccessPolicy.from_address(address, (), access_control=False, require_key=require_key)
 
 
 UNCONTROLLED = {

@@ -23,7 +23,7 @@ NOT_A_FORM = "send a form, with the header Content-Type: multipart/form-data"
 FILE_NAME = "a file has no name, or a name that cannot be displayed"
 ONCE = "send each file once"
 FEWER = "send less in one request"
-NAMED = "send it with a `filename` of 1 to 200 printable characters"
+NAMED = "send the file with a `filename` of 1 to 200 printable characters"
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,8 @@ def run(local):
         (
             [SOURCE],
             {"tools": []},
-            "422 invalid-request | tools | the program names 'TOOL_DATA[1]', but has no numbers for it | "
+            "422 invalid-request | tools | the program uses the frame 'TOOL_DATA[1]', but does not "
+            "define its numbers | "
             "give the numbers: {'name': 'TOOL_DATA[1]', 'values': [...]}",
         ),
         (
@@ -108,7 +109,7 @@ OPTIONS = ("options", (None, b"{}"))
         ),
         (
             [("files", (None, b"1"))],
-            "422 invalid-request | files | a file has no name | send it with a `filename`",
+            "422 invalid-request | files | a file has no name | send the file with a `filename`",
         ),
         ([("files", ("a" * 201, b"1"))], f"422 invalid-request | files | {FILE_NAME} | {NAMED}"),
         ([ONE, ONE], f"422 invalid-file | a.csv | two files have this name | {ONCE}"),
@@ -147,8 +148,8 @@ HOSTILE = {
     "almost boundaries": (
         HEAD + b"\r\n--Xy" * 1_000_000 + b"\r\n--XyZ--",
         "422 invalid-file | a.csv | "
-        "the files have more than 400000 lines together, empty ones and comments too | "
-        "remove those, or import fewer files at once",
+        "the files have more than 400000 lines together, including empty lines and comments | "
+        "remove empty lines and comments, or import fewer files at once",
     ),
     "a megabyte of headers": (HEAD[:-2] + b"X-A: b\r\n" * 150_000 + b"\r\n1\r\n--XyZ--", BROKEN),
     "one long header": (HEAD.replace(b"a.csv", b"a" * 1_000_000) + b"1\r\n--XyZ--", BROKEN),

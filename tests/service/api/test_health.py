@@ -26,7 +26,7 @@ from jointstiff.schemas.access import Health
 from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.health import Watch
 from jointstiff.service.app import CONCURRENT_REQUESTS, create_app
-from jointstiff.service.problems import StoreUnavailableError, problem_of
+from jointstiff.service.problems import StoreUnavailableError, problem_from_error
 from jointstiff.service.process import ACCESS_LOGGER, JsonFormatter, LogFormat, set_log_format
 from jointstiff.service.server import _gauge_values
 from jointstiff.service.store.store import Store
@@ -117,13 +117,13 @@ class Stumbling(Store):
 def test_the_look_at_the_database_outlives_any_failure(caplog):
     with Stumbling.open("sqlite://") as store, Watch(store) as watch:
         with pytest.raises(StoreUnavailableError, match="check of the database failed"):
-            anyio.run(watch.latest)
+            anyio.run(watch.require_recent_check)
         assert "unexpected failure of a check" in caplog.text
         store.stumbles = False
         deadline = time.monotonic() + 60
         while True:
             try:
-                seen = anyio.run(watch.latest)
+                seen = anyio.run(watch.require_recent_check)
                 break
             except StoreUnavailableError:
                 assert time.monotonic() < deadline
@@ -135,7 +135,7 @@ def test_a_problem_names_no_host_of_the_database():
     with pytest.raises(StoreUnavailableError) as refused:
         Store.open("postgresql://plant@127.0.0.1:1/secret?connect_timeout=2")
     assert "127.0.0.1" in refused.value.reason  # whoever starts the service sees it
-    problem = problem_of(refused.value)
+    problem = problem_from_error(refused.value)
     assert problem.status == 503
     assert not {"127.0.0.1", "plant", "secret"} & set(problem.model_dump_json().replace('"', " ").split())
     assert "127.0.0.1" not in problem.model_dump_json()

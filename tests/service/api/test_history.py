@@ -155,7 +155,7 @@ def test_a_trend_of_no_run_names_each_set_and_why_it_is_left_out(query, client, 
     assert (found["selection"], found["campaigns"], found["serial_numbers"]) == (None, [], ["A", "B"])
     assert found["note"] == "no campaign: identify measurement sets of this robot by the same method"
     assert [(each["name"], each["reason"]) for each in found["left_out"]] == [
-        (f"campaign {number}", "no run of it matches the query") for number in (7, 5, 4, 3, 2, 1, 0)
+        (f"campaign {number}", "no run of this set matches the query") for number in (7, 5, 4, 3, 2, 1, 0)
     ]
     assert all(joint["points"] == [] and not joint["changed"] for joint in found["joints"])
 

@@ -179,7 +179,7 @@ REMEDIES = {
     "this is not XML": "send the document itself, not its file name",
     "moving joints$": "use at most 32: choose a base and a flange closer to each other",
     "some links form a cycle": "a URDF is a tree: give one of them another parent",
-    "the link has two parents": "a URDF is a tree: keep one of them",
+    "two joints have this link as child": "a URDF is a tree: keep one of the two joints",
     "links have no parent": "join all links into one tree with one root",
     "name is missing or empty": "give it a name",
     "invisible characters": "use printable characters and no space at either end",

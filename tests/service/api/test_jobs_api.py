@@ -194,7 +194,7 @@ def test_who_leaves_as_news_come_has_left():
     async def leave():
         followers = Followers(pause=60.0)
         task = asyncio.create_task(followed(followers, ScriptedJobs(range(10))))
-        while (job := followers._followed.get("r1")) is None or job.news is None:
+        while (job := followers._followed.get("r1")) is None or job.event is None:
             await asyncio.sleep(0.01)
         await asyncio.sleep(0.01)
         job.publish(ServerSentEvent(event="progress", raw_data="{}"))

@@ -18,7 +18,7 @@ from support.processes import until
 from jointstiff.service import limited
 from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.limited import LimitedChild
-from jointstiff.service.security.admission import Posture
+from jointstiff.service.security.admission import AccessPolicy
 from jointstiff.service.security.keys import mint
 from jointstiff.service.store.store import Store
 
@@ -71,13 +71,13 @@ def test_large_bodies_are_its_and_archives_programs_and_geometries_of_any_size()
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w") as archive:
         archive.writestr("a.csv", "a,b\n")
-    assert limited.is_limited("/v1/imports", b"--boundary" + content.getvalue())
-    assert limited.is_limited("/v1/robots", LARGE)
-    assert not limited.is_limited("/v1/robots", LARGE[:-1])
-    assert not limited.is_limited("/v1/runs", LARGE)  # its answer may wait for workers
-    assert limited.is_limited("/v1/programs", b"--boundary")
-    assert not limited.is_limited("/v1/programs/p/program", b"")
-    assert limited.is_limited("/v1/geometries", b"{}")
+    assert limited.belongs_to_child("/v1/imports", b"--boundary" + content.getvalue())
+    assert limited.belongs_to_child("/v1/robots", LARGE)
+    assert not limited.belongs_to_child("/v1/robots", LARGE[:-1])
+    assert not limited.belongs_to_child("/v1/runs", LARGE)  # its answer may wait for workers
+    assert limited.belongs_to_child("/v1/programs", b"--boundary")
+    assert not limited.belongs_to_child("/v1/programs/p/program", b"")
+    assert limited.belongs_to_child("/v1/geometries", b"{}")
 
 
 class InThread(LimitedChild):
@@ -111,7 +111,7 @@ def test_it_limits_its_memory_and_time_once_and_goes_on(database, store, monkeyp
 
 def test_who_asks_is_found_out_before(store, child):
     store.keys.add((minted := mint("viewer", "viewer", datetime.now(UTC), None)).record)
-    guarded = Client(store, Posture.of("127.0.0.1", (), access_control=True, require_key=True))
+    guarded = Client(store, AccessPolicy.from_address("127.0.0.1", (), access_control=True, require_key=True))
     guarded._app.state.answer_elsewhere = child.answer
     assert guarded.request("POST", "/v1/robots", content=LARGE, headers=JSON).status_code == 401
     bearer = {"Authorization": f"Bearer {minted.text}"}

@@ -28,7 +28,7 @@ def campaign(tmp_path_factory):
         ("predict", POINTS, ".pdf", "must end in .csv"),
         ("export", [], ".pdf", "must end in .csv, .xlsx, .mjcf or .xml; `jointstiff report` writes reports"),
         ("report", [], ".csv", "must end in .pdf, .html or .xml"),
-        ("identify", [], ".pdf", "`jointstiff export` writes tables, `jointstiff report` reports"),
+        ("identify", [], ".pdf", "`jointstiff export` writes tables, `jointstiff report` writes reports"),
         ("identify", ["--apply", "use_huber"], ".pdf", "must end in .json"),
         ("import", [], ".csv", "must end in .json"),
     ],

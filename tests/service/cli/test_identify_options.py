@@ -44,7 +44,8 @@ def folder(tmp_path_factory):
             [
                 "Do not use: 1 reason the residuals are 3.25 times as large as the stated noise allows, "
                 "so the "
-                "uncertainties are too small; how much depends on what the model leaves unexplained",
+                "uncertainties are too small; by how much depends on deflections that the model does "
+                "not explain",
                 "│ joint_2 │ 2.705 │ 0.024 │ 2.659 … 2.751 │ 0.37 │ do not use │",
                 "│ joint_3 │ 3.037 │ 0.057 │ 2.928 … 3.153 │ — │ do not use │",
                 f"{UNSEEN}; {PRIOR}",

@@ -67,7 +67,7 @@ def test_a_file_is_overwritten_only_if_that_is_said(folder):
     command = "import", "cell.csv", "--robot", "robot.json", *STATED, "--output", "new.json"
     refused = run(*command)
     assert (refused.exit_code, words(refused.stderr)) == (
-        2, "new.json exists remedy: choose another name, or --overwrite"
+        2, "new.json exists remedy: choose another name, or use --overwrite"
     )  # fmt: skip
     assert (folder / "new.json").read_text() == "kept"
     assert run(*command, "--overwrite").exit_code == 0
@@ -80,7 +80,7 @@ def test_observations_that_are_held_out_are_left_out_of_the_run(folder):
     table = "\n".join(f"{line};{mark}" for line, mark in zip(lines, marks, strict=True))
     (folder / "held.csv").write_text(f"{table}\n")
     shown = run("import", "held.csv", "--robot", "robot.json", *STATED, "--output", "held.json")
-    assert "  assumed: held out from the fit, to judge it: c01\n" in shown.stdout
+    assert "  assumed: observations held out from the fit, to check it: c01\n" in shown.stdout
     assert identified("held.json")["request"]["leave_out"] == ["c01"]
 
 

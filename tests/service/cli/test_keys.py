@@ -90,7 +90,7 @@ def test_a_key_is_shown_once_and_kept_until_it_is_revoked(folder, place):
             ["revoke", "0000000000"],
             "there is no key '0000000000' remedy: see `jointstiff keys list` for the ids",
         ),
-        (["link", "0000000000"], "the service has no key '0000000000' remedy: see `jointstiff keys list`"),
+        (["link", "0000000000"], "no valid key has the id '0000000000' remedy: see `jointstiff keys list`"),
     ],
 )
 def test_what_cannot_be_done_with_keys_is_said(arguments, said):
@@ -106,7 +106,7 @@ def test_to_look_for_keys_makes_no_database(folder, arguments):
     refused = run("keys", *arguments, "--database", "sqlite:///none.db")
     assert refused.exit_code == 2
     assert " ".join(refused.stderr.split()) == (
-        "there is no database none.db remedy: "
+        "the database none.db does not exist remedy: "
         "give sqlite:///path/to/file.db or postgresql://user:password@host/database"
     )
     assert not (folder / "none.db").exists()

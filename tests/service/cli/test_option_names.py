@@ -10,7 +10,7 @@ from typer.main import get_command
 import jointstiff
 from jointstiff.service.cli.app import app
 from jointstiff.service.cli.kinds import name_options_in_text
-from jointstiff.service.kinds.rooms import ROOMS, kind_of
+from jointstiff.service.kinds.rooms import ROOMS, import_kind
 
 PACKAGE = Path(jointstiff.__file__).parent
 OF_OTHERS = {"--publish", "--file", "--format"}
@@ -48,7 +48,7 @@ def test_every_option_that_a_text_names_exists():
 
 @pytest.mark.parametrize("kind", ROOMS)
 def test_a_field_becomes_an_option_only_where_the_command_has_it(kind):
-    message, command = kind_of(kind).options, ROOMS[kind].command
+    message, command = import_kind(kind).options, ROOMS[kind].command
     options = OPTIONS[f"{command} {command}"]
     for field in message.model_fields:
         assert (

@@ -54,8 +54,9 @@ def test_lengths_and_angles_at_the_terminal_become_those_of_the_file(folder):
     [
         (
             ["radians.json", *LOAD, "--start", "10,0,90,0,0,0,1.5"],
-            "Error: Invalid value for --start: linear axes are not in deg, "
-            "and the file of options has angles in rad; remedy: state `start` in that file, in its units",
+            "Error: Invalid value for --start: the values of linear axes cannot "
+            "be converted from deg to rad, the unit of angles in the file of options; remedy: state `start` "
+            "in that file, in its units",
         ),
         (
             ["options.json", "--load-point", "0,0,6000"],
@@ -65,8 +66,10 @@ def test_lengths_and_angles_at_the_terminal_become_those_of_the_file(folder):
         (["pull.json"], "the file is a campaign remedy: use `jointstiff identify FILE`"),
         (
             ["options.json", "--accuracy-option", "compensates_load"],
-            "accuracy_option: the controller already compensates the load, which would be compensated twice "
-            "remedy: switch the controller's accuracy option off, measure with it off, and give `off`",
+            "accuracy_option: the controller already compensates the deflection under load, which must "
+            "not be "
+            "compensated twice "
+            "remedy: switch the controller's accuracy option off, repeat the measurement, and give `off`",
         ),
     ],
 )
@@ -86,7 +89,7 @@ def test_a_result_that_must_not_be_used_compensates_no_program(folder):
     assert refused.exit_code == 2
     assert words(refused.stderr) == (
         "The result must not be used all readings: the angles seem to be in rad, not in deg as declared: "
-        "as posted, the targets keep one position on the flange in 1 of 12 observations; "
+        "as given, the targets keep one position on the flange in 1 of 12 observations; "
         "with all angles taken as radians, in 12 of 12, within 52.2 µm; set `units.angle` to rad "
         "remedy: follow the remedies of its reasons and identify again; "
         "to continue anyway, give `--despite-verdict`"
@@ -126,7 +129,7 @@ def test_a_simulated_campaign_depends_on_its_seed_alone_and_replaces_no_file(fol
     kept = (folder / "pull.json").read_bytes()
     refused = run("simulate", "pull.json")
     assert (refused.exit_code, words(refused.stderr)) == (
-        2, "pull.json exists remedy: choose another name, or --overwrite"
+        2, "pull.json exists remedy: choose another name, or use --overwrite"
     )  # fmt: skip
     assert (folder / "pull.json").read_bytes() == kept
     written = []

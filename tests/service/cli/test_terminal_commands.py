@@ -29,7 +29,7 @@ def test_a_geometry_is_shown_with_its_uncertainty_and_written_as_a_robot():
         "│ P11 │ 99.9997(34) │ -99.9980(36) │ 119.9929(67) │",
         "│ axes │ 1138.902(17) │ 200.849(25) │ 1969.009(17) │ 0.43 │",
         "│ combined │ 1138.905(17) │ 200.850(26) │ 1969.007(17) │ │",
-        "axes and sphere are 5.3 µm apart (by chance: 0.6)",
+        "axes and sphere are 5.3 µm apart (p-value 0.6)",
         "the last three axes miss each other by 6.4 ± 5.1 µm: the decoupled method applies",
         "│ a │ joint_2 │ 1120.000 │ 1120.020 │ 0.0197(87) │",
         "│ alpha │ joint_4 │ -90.0000° │ -89.9977° │ 0.040(26) │",
@@ -60,7 +60,7 @@ def test_a_simulated_campaign_states_its_true_stiffnesses_and_is_not_written_ove
     assert third["force"] == pytest.approx([-688.51, 284.22, 505.15], rel=1e-4)
     assert third["readings"][0]["unloaded"] == pytest.approx([2.1719, -1.1659, 2.0895], abs=1e-4)
     assert third["readings"][0]["loaded"] == pytest.approx([2.1707, -1.1655, 2.092], abs=1e-4)
-    assert refused("simulate new.json") == "new.json exists remedy: choose another name, or --overwrite"
+    assert refused("simulate new.json") == "new.json exists remedy: choose another name, or use --overwrite"
     said = refused("simulate nowhere/x.json")
     assert said == "cannot write nowhere/x.json: No such file or directory remedy: choose another path"
 
@@ -193,7 +193,8 @@ HELP = {
         "Predict deflections in given postures under given loads.",
         "POSTURES <file> CSV of postures and loads, with units in the headers: J1 [deg], …, Fx [N], … "
         "[required]",
-        "--run FILE Run of that campaign, as `identify --json` prints it; default: identify it now.",
+        "--run FILE File of the campaign's run, as `identify --json` prints it; default: identify the "
+        "campaign now.",
         "--load-point X,Y,Z[mm] Point where the force acts, in the flange frame, in mm.",
         "--place X,Y,Z[mm] Point whose deflection is predicted, in the flange frame, in mm; default: the "
         "load point.",

@@ -154,7 +154,7 @@ def test_a_thousand_fits_are_drawn_where_no_number_is_given():
             [
                 "Use with care: 1 reason every load point moved by (-9.25, 1.95, 9.44) mm ± (8.38, 4.41, "
                 "29.8) mm in the flange frame (95 %) was fitted with the joints; the intervals include its "
-                "uncertainty, and the stated value stays refuted",
+                "uncertainty, and the readings contradict the stated value",
                 "│ joint_1 │ 3.827 │ 0.046 │ 3.739 … 3.918 │ use with care │",
                 "To do 1. measure the load point on the flange 2. joint_6: 1500 N along (0.00, 0.00, 1.00) "
                 "in posture c08: u 10 % → 9 %",
@@ -213,7 +213,7 @@ def test_json_is_the_run_with_its_request_origin_and_numbers():
 def test_methods_that_agree_are_compared_in_the_unit_that_is_asked_for():
     assert_said(
         typed("compare pull.json --unit kNm/deg"),
-        "Use this comparison: nothing speaks against it; all 6 joints of its run passed the checks",
+        "Use this comparison: no fault was found; all 6 joints of its run passed the checks",
         "Stiffness in kN·m/° joint sign CP/L CP PP DPP",
         "joint_1 free 66.57(85) 66.69(78) 66.69(78) 66.01(86)",
         "joint_3 free 43.11(86) 43.38(76) 43.38(76) 43.6(1.0)",
@@ -231,7 +231,7 @@ def test_two_campaigns_are_compared_joint_by_joint():
     assert_said(
         typed("compare pull.json soft.json --details"),
         "First: pull.json. Second: soft.json. Use this comparison with care: 1 reason of its own",
-        "no configuration was measured on both sides, so the avoided deflection is a prediction alone",
+        "no configuration was measured on both sides, so the avoided deflection is predicted, not measured",
         "│ joint_1 │ 3.821(45) │ 3.818(46) │ 0.999 │ 0.986 … 1.013 │ 0.92 │",
         "│ joint_3 │ 2.485(44) │ 1.991(34) │ 0.801 │ 0.783 … 0.820 │ < 0.0001 │",
         "│ joint_4 │ 0.443(38) │ 0.433(19) │ 0.98 │ 0.82 … 1.15 │ 0.78 │",

@@ -121,7 +121,7 @@ def test_readings_of_a_known_robot_are_inspected_and_a_file_is_not_written_over(
         "complete: a measurement set integrity: nothing suspicious",
         "wrote new.json, a campaign; now: jointstiff identify new.json",
     )
-    assert refused(line).endswith("new.json exists remedy: choose another name, or --overwrite")
+    assert refused(line).endswith("new.json exists remedy: choose another name, or use --overwrite")
 
 
 def test_readings_with_errors_are_written_only_despite_them():
@@ -129,7 +129,7 @@ def test_readings_with_errors_are_written_only_despite_them():
     errors = (
         "do not use: the angles seem to be in rad, not in deg as declared: no joint turns by more than "
         "2.79° in 6 observations; set `units.angle` to rad do not use: the angles seem to be in rad, not in "
-        "deg as declared: as posted, the targets keep one position on the flange in 1 of 6 observations; "
+        "deg as declared: as given, the targets keep one position on the flange in 1 of 6 observations; "
         "with all angles taken as radians, in 6 of 6, within 56.3 µm; set `units.angle` to rad"
     )
     assert_said(

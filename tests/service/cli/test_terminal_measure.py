@@ -28,14 +28,15 @@ def test_a_goal_takes_five_readings_and_one_that_is_held_out():
         "│ joint_1 │ 7.13 │ 0.11 │ 6.91 … 7.36 │ well determined │",
         "│ joint_6 │ 0.148 │ 0.029 │ 0.107 … 0.241 │ roughly known │",
         "goal: every joint that the load can twist is known to ± 30 %",
-        "m01: joint_6 ± 234 %, about 5 more",
-        "m02: share of the goal 1.18, joint_6 ± 35 %, as expected with p 0.03, about 9 more",
-        "m03: share of the goal 0.75, joint_6 ± 22 %, as expected with p 0.89, about 3 more",
-        "goes on: 3 readings: the goal needs 5 readings and then a held-out one; about 3 more",
-        "m05: share of the goal 0.54, joint_6 ± 16 %, as expected with p 0.82, about 1 more",
-        "goes on: the goal is met; one held-out reading checks it",
+        "m01: joint_6 ± 234 %, about 5 more readings",
+        "m02: share of the goal 1.18, joint_6 ± 35 %, as expected with p 0.03, about 9 more readings",
+        "m03: share of the goal 0.75, joint_6 ± 22 %, as expected with p 0.89, about 3 more readings",
+        "the measurement continues: 3 readings: the goal needs 5 readings and then a held-out one; "
+        "about 3 more",
+        "m05: share of the goal 0.54, joint_6 ± 16 %, as expected with p 0.82, about 1 more reading",
+        "the measurement continues: the goal is met; one held-out reading checks it",
         "m06: share of the goal 0.49, joint_6 ± 15 %, as expected with p 0.97, held out: as near to its "
-        "prediction as 90 % of good readings, reached",
+        "prediction as 90 % of good readings, goal reached",
         "reached after 6 readings, without the assumed errors of load point and force (with them ± 38 %); "
         "the held-out one is as near to its prediction as 90 % of good readings",
         "wrote closed.json",
@@ -125,7 +126,7 @@ def test_lines_that_nobody_confirms_are_not_read(asked, capsys):
         asked("confirms", "")
     assert capsys.readouterr().err == (
         "lines\nare the lines read correctly? y or n: nobody confirmed how the lines are read\n  remedy: "
-        "confirm it, or give --yes\n"
+        "answer y if the lines are read correctly, or use --yes\n"
     )
 
 
@@ -142,12 +143,12 @@ def test_posture_and_force_are_shown_before_they_are_asked_for(force, anchor, sa
     for question, words in [
         (
             "unloaded",
-            f"\nm01: a 28.65°, b 200.0 mm\n  {said}; first\n  Enter reads without load; s skips this "
-            "posture; q ends: ",
+            f"\nm01: a 28.65°, b 200.0 mm\n  {said}; first\n  Enter: read without load; s: skip this "
+            "posture; q: end: ",
         ),
         (
             "loaded",
-            f"  hang the load: {said}\n  Enter reads with the load; s skips this posture; q ends: ",
+            f"  hang the load: {said}\n  Enter: read with the load; s: skip this posture; q: end: ",
         ),
     ]:
         asked(question, "\n", force=force, anchor=anchor)

@@ -55,7 +55,7 @@ def test_a_report_is_written_of_a_campaign_and_its_run_and_not_over_another_file
     assert json.loads(Path("run.json").read_text())["id"] in page
     assert "3.735 … 3.911" in page
     said = refused("report pull.json --run run.json -o report.html")
-    assert said == "report.html exists remedy: choose another name, or --overwrite"
+    assert said == "report.html exists remedy: choose another name, or use --overwrite"
     assert Path("report.html").read_text() == page
 
 
@@ -131,13 +131,13 @@ def test_deflections_are_predicted_with_their_uncertainty():
         typed(
             "predict pull.json postures.csv --load-point 0,0,120 --run run.json --output p.csv --overwrite"
         ),
-        "Use this prediction: nothing speaks against it; all 6 joints of its run passed the checks",
-        "Deflections in R0, with U without model error",
+        "Use this prediction: no fault was found; all 6 joints of its run passed the checks",
+        "Deflections in R0; U does not include the model error",
         "a -0.254 ± 0.017",
         "0.000 ± 0.000 -1.194 ± 0.035 — 671",
         "b 0.063 ± 0.001 -0.018 ± 0.001 -0.028 ± 0.001 — 1591",
-        "U of readings, loads and places, and model error, at 95 %; stiffness along the force, free to "
-        "move sideways",
+        "U: expanded uncertainty from readings, loads and places; U and model error at 95 %; stiffness along "
+        "the force, free to move sideways",
         "own weight is not included, because no masses are given",
         "no bound of the model error at 95 %: 19 postures are needed, and there are 12",
     )
@@ -174,7 +174,7 @@ def test_a_prediction_at_a_place_has_compliance_along_the_force_and_in_the_worst
 def test_a_map_shows_its_worst_and_its_stiffest_place():
     assert_said(
         typed("map pull.json --options area.json --run run.json --details"),
-        "Use this map: nothing speaks against it; all 6 joints of its run passed the checks",
+        "Use this map: no fault was found; all 6 joints of its run passed the checks",
         "all 4 places reached",
         "deflection: median 669.3 µm, 90 % of the places 523.5 to 783.6 µm, greatest 794.9 µm",
         "┃ ┃ worst place ┃ stiffest place ┃",
@@ -229,19 +229,20 @@ def test_a_map_as_csv_has_a_row_for_each_place():
 def test_a_plan_says_what_it_adds_and_is_a_campaign_to_fill_in():
     assert_said(
         typed("plan pull.json --readings 3 --candidates 200 --campaign filled.json --overwrite --details"),
-        "Use this plan: nothing speaks against it; all 6 joints of its run passed the checks",
+        "Use this plan: no fault was found; all 6 joints of its run passed the checks",
         "│ joint_1 │ 0.45 % │ 0.47 % │",
         "│ joint_4 │ 2.3 % │ 7.9 % │",
         "│ joint_6 │ 5.1 % │ 7.7 % │",
-        "by the noise of the readings alone; model error comes on top",
+        "from the noise of the readings alone; model error is not included",
         "p1 -150.0 -4.0 48.0 -10.0 95.0 -15.0 1500",
         "v2 -22.0 69.0 37.0 44.0 -73.0 68.0 1500",
-        "v…: held out, to judge the model. Targets: P10, P11, P12. Load point in the flange frame: -60, "
+        "v…: readings to validate the model, not to fit it. Targets: P10, P11, P12. Load point in the "
+        "flange frame: -60, "
         "20, 180 mm",
         "certified: at least 100.0 % of the best list's information (relative uncertainty of the joints)",
         "200 of 200 readings were feasible",
-        "the list has only the new readings, but the predicted uncertainties also use those of the "
-        "campaign so far: identify both together, as in the campaign to fill in",
+        "the list has only the new readings, but the predicted uncertainties also use the readings "
+        "of the campaign so far: identify old and new readings together",
         "│ Distinct angle │ 10° │",
         "wrote filled.json",
     )
@@ -270,7 +271,7 @@ def test_a_program_is_corrected_and_its_points_are_written():
     line = "compensate pull.json path.src --options options.json --output out.src --report points.csv"
     assert_said(
         typed(f"{line} --overwrite"),
-        "Use this program: nothing speaks against it; all 6 joints of its run passed the checks",
+        "Use this program: no fault was found; all 6 joints of its run passed the checks",
         "4 of 4 targets corrected",
         "Distance of the loaded tool from its target, mm",
         "│ without correction │ 2.2650 │ 2.7532 │ 2.8306 │",
@@ -294,7 +295,7 @@ def test_a_program_is_corrected_and_its_points_are_written():
     assert numbers(first, "line", "deflection [mm]", "deflection z [mm]") == pytest.approx(
         [7, 2.83057, -2.794967], abs=1e-4
     )
-    assert refused(line) == "out.src exists remedy: choose another name, or --overwrite"
+    assert refused(line) == "out.src exists remedy: choose another name, or use --overwrite"
 
 
 def test_moves_are_explained_before_they_are_corrected():
@@ -302,7 +303,7 @@ def test_moves_are_explained_before_they_are_corrected():
         typed("compensate pull.json path.src --explain"),
         "line 7: 1809.57, 269.279, 1489.68, -161.541, 39.3967, -171.051, base BASE_DATA[1], tool "
         "TOOL_DATA[1]: corrected",
-        "4 of 4 moves can be corrected, 0 left",
+        "4 of 4 moves can be corrected, 0 cannot",
     )
     moves = answered("compensate pull.json path.src --explain")
     assert [(each["line"], each["corrected"]) for each in moves] == [(line, True) for line in (7, 8, 9, 10)]

@@ -6,9 +6,9 @@ from typer.testing import CliRunner
 import jointstiff as js
 from jointstiff.schemas.options import METHODS_IN_SHORT
 from jointstiff.service.cli.app import app
-from jointstiff.service.cli.imports import _split_header, _with_split_header
-from jointstiff.service.cli.kinds import _word_parser
-from jointstiff.service.cli.options import _unit_of
+from jointstiff.service.cli.imports import _split_header, _split_typed_header
+from jointstiff.service.cli.kinds import _make_word_parser
+from jointstiff.service.cli.options import _parse_unit
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.simulator import default_arm, simulate_campaign
 
@@ -18,7 +18,7 @@ CAMPAIGN = simulate_campaign(default_arm(), configurations=12, load="pull")
 @pytest.mark.parametrize(("short", "method"), [*METHODS_IN_SHORT.items(), ("dpp", "decoupled_partial_pose")])
 def test_the_papers_abbreviations_are_taken_for_the_methods(short, method):
     assert js.identify(CAMPAIGN, method=short).request.method == method
-    assert _word_parser(list(METHODS_IN_SHORT.values()))(short) == method
+    assert _make_word_parser(list(METHODS_IN_SHORT.values()))(short) == method
 
 
 @pytest.mark.parametrize(("field", "word", "accepted"), [("encoders", "motors", "'motor' or 'secondary'")])
@@ -30,9 +30,9 @@ def test_another_word_is_answered_with_those_that_are_accepted(field, word, acce
 
 
 def test_hyphens_stand_for_underlines_at_the_terminal():
-    assert _word_parser(["same_as_measured", "off"])("same-as-measured") == "same_as_measured"
+    assert _make_word_parser(["same_as_measured", "off"])("same-as-measured") == "same_as_measured"
     with pytest.raises(ValueError, match="'on' is not one of 'same_as_measured', 'off'"):
-        _word_parser(["same_as_measured", "off"])("on")
+        _make_word_parser(["same_as_measured", "off"])("on")
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_a_header_is_split_as_its_file_is(delimiter, sign, stated):
     lines = [sign.join([f"P{i}", f"{i}", f"{i}5"]) for i in range(1, 6)]
     file = SourceFile("points.txt", "\n".join(lines).encode())
     options = {"header": sign.join(names), **({"delimiter": delimiter} if stated else {})}
-    assert _with_split_header(options, [file])["header"] == names
+    assert _split_typed_header(options, [file])["header"] == names
 
 
 def test_a_header_of_an_import_is_split_as_its_file_is(tmp_path):
@@ -73,4 +73,4 @@ def test_units_are_shown_as_they_are_spelt(command):
 
 
 def test_a_unit_is_understood_in_any_case():
-    assert _unit_of("mnm/RAD") == "MNm/rad"
+    assert _parse_unit("mnm/RAD") == "MNm/rad"

@@ -33,7 +33,7 @@ SPACE = b"http://schemas.openxmlformats.org/spreadsheetml/2006/main"
         (b"<row>" + b"<c/>" * 257 + b"</row>", "more than 256 columns"),
         (b'<row><c r="IV%d"/></row>', "or 500000 cells"),
         (b"<row>" + b"<x/>" * 100_001 + b"</row>", "100000 in one"),
-        (b"<row><c><v>" + b"1" * 400_000 + b"</v></c></row>", "a text of more than"),
+        (b"<row><c><v>" + b"1" * 400_000 + b"</v></c></row>", "a text in the file has more than"),
     ],
 )
 def test_small_files_that_unpack_to_much_are_refused_at_once(cells, reason):
@@ -48,7 +48,7 @@ def test_small_files_that_unpack_to_much_are_refused_at_once(cells, reason):
 def test_a_single_part_that_is_encrypted_is_enough():
     content = workbook()
     flags = content.index(b"PK\1\2") + 8
-    with pytest.raises(ImportFileError, match="it is encrypted"):
+    with pytest.raises(ImportFileError, match="the file is encrypted"):
         read(("a.xlsx", content[:flags] + b"\1" + content[flags + 1 :]))
 
 
@@ -69,7 +69,7 @@ def test_a_last_line_without_an_end_may_be_cut_off(outcome):
             with pytest.raises(ImportFileError, match="the file is cut off"):
                 read(("a.csv", table))
             continue
-        asked = f"the last number {cells[-1]} ('a.csv', line 4, column 5), whose line has no end"
+        asked = f"the last number {cells[-1]} ('a.csv', line 4, column 5), whose line has no line break"
         assert list(read(("a.csv", table)).unusual) == [asked] * (outcome == "doubted")
 
 

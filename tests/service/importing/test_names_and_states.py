@@ -195,8 +195,8 @@ def test_rows_without_names_are_matched_by_their_order_only_if_it_is_stated():
         "rows were numbered, the first as observation 1, as `by_order` requires"
     ]
     assert refusals(("joints.csv", unnamed), *UNNAMED) == [
-        f"{name}:1: no column names the observations or points; add a column with the header label or name; "
-        "or `by_order`, to number the rows of each file [by_order]"
+        f"{name}:1: no column names the observations or points; add a column with the header "
+        '"label" or "name", or use `by_order` to number the rows of each file [by_order]'
         for name in ("joints.csv", "P10_u.csv", "P10_l.csv")
     ]
 
@@ -217,8 +217,8 @@ def test_rows_are_not_numbered_where_some_are_deleted():
     marked = "x [mm];y [mm];z [mm];Delete\n1.5;0;0;0\n2.5;0;0;{}\n3.5;0;0;{}\n4.5;0;0;0\n"
     files = ("P_unloaded.csv", marked.format(1, 0)), ("P_loaded.csv", marked.format(0, 1))
     assert refusals(*files, by_order=True) == [
-        f"{name}: rows are marked as deleted, so that the numbers of the others are not sure; "
-        "give every row a label, or delete them from all files [by_order]"
+        f"{name}: rows are marked as deleted, so that the numbers of the other rows are uncertain; "
+        "give every row a label, or delete these rows from all files [by_order]"
         for name, _ in files
     ]
 
@@ -226,7 +226,8 @@ def test_rows_are_not_numbered_where_some_are_deleted():
 def test_a_last_name_without_an_end_may_be_cut_off():
     table = "label;state;x [mm];y [mm];z [mm];target\nc1;u;1;2;3.5;P10\n{}c1;l;1;2;3.5;P1"
     assert refusals(("a.csv", table.format(""))) == [
-        "a.csv:3:6: the file is cut off: its last line has no end, and 'P1' is shorter than the cells above; "
+        "a.csv:3:6: the file is cut off: its last line has no line break, and 'P1' is "
+        "shorter than the cells above; "
         "export or copy the file again; if it is complete, end its last line"
     ]
     said = refusals(("a.csv", table.format("c1;u;1;2;3.5;X\n")))

@@ -117,7 +117,7 @@ def test_masses_are_those_of_the_joints_of_a_robot_with_readings():
         "use one of joint_1, joint_2, joint_3, joint_4, joint_5, joint_6"
     ]
     assert refusals(("masses.csv", masses())) == [
-        "the files have masses and no readings; import them together with the readings of the robot"
+        "the files contain masses, but no readings; import them together with the readings of the robot"
     ]
 
 

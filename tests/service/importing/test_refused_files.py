@@ -83,10 +83,10 @@ def test_a_label_is_a_name_that_can_be_printed(label):
         (b"label;x [mm]\n", ":1: the file has a header but no row of data; check the file"),
         (b"label;x [mm]\nc\x002;1\n", ":2: the file contains the control character '\\x00', "
          f"so it is not plain text; {SAVE}"),
-        (b"\xff\xfe\x00", ": the text is damaged: not valid UTF-16-LE from byte 1 on, "
-         f"though it begins like it; {SAVE}"),
-        (b"pos\xc3\xa9;1;2;3\nb\xff;1;2;3", ":2: the text is damaged: not UTF-8 from byte 14 on, "
-         f"though it begins like it; {SAVE}"),
+        (b"\xff\xfe\x00", ": the text is damaged: it begins as UTF-16-LE, "
+         f"but byte 1 is not valid in this encoding; {SAVE}"),
+        (b"pos\xc3\xa9;1;2;3\nb\xff;1;2;3", ":2: the text is damaged: it begins as UTF-8, "
+         f"but byte 14 is not valid in this encoding; {SAVE}"),
         (b"1.5 2.5 3.5\n", f":1: the rows have 3 cells, and there is no header; {ADD}"),
         (b"a;1;2;3;4;5;6;7\n", f":1: the rows have 8 cells, and there is no header; {ADD}"),
         (b"1.5;1.5;2.5;3.5\n", ":1:1: '1.5' is where a point's name must be, because there is no header; "
@@ -96,7 +96,7 @@ def test_a_label_is_a_name_that_can_be_printed(label):
         (b"a" * 70_000, ":1: a line has more than 65536 characters; check the line endings"),
         (b'"' + b"a" * 20_000, ":1: quotation marks do not enclose a whole cell; "
          'enclose a cell as in "Point 1", on one line, or remove the marks'),
-        (b"PK\x03\x04", ": not an Excel file (.xlsx), or damaged (BadZipFile); "
+        (b"PK\x03\x04", ": the file is not an Excel file (.xlsx), or is damaged (BadZipFile); "
          "open it in Excel and save it again as .xlsx, or save the sheet as CSV"),
         (b"%PDF-1.7", f": the file is a PDF document, not a table; {EXPORT}"),
         (b"\xff\xd8\xff\xe0", f": the file is a picture (JPEG), not a table; {EXPORT}"),
@@ -132,7 +132,7 @@ def test_a_table_may_have_the_ending_of_json():
 
 
 def test_64_files_of_8_mebibytes_are_taken():
-    with pytest.raises(ImportFileError, match="65 files; send 1 to 64 files"):
+    with pytest.raises(ImportFileError, match="65 files were sent; send 1 to 64 files"):
         read(*((str(number), b"a") for number in range(65)))
     with pytest.raises(ImportFileError, match="'1': the files exceed 8 MiB together; import fewer files"):
         read(("0", b"a" * (4 << 20)), ("1", b"a" * (4 << 20 | 1)))
@@ -168,7 +168,7 @@ def test_an_observation_is_read_once():
     row = "c01,0.1,0,0,-150,{},0.1,0.2,0.3\n"
     table = "label,J1 [rad],Fx [N],Fy [N],Fz [N],target,dx [mm],dy [mm],dz [mm]\n" + row.format("P10")
     assert refusals(("a.csv", table + row.format("P11").replace("-150", "-151"))) == [
-        "a.csv:3: the force of 'c01' differs from that at 'a.csv', line 2; "
+        "a.csv:3: the force of 'c01' differs from the value at 'a.csv', line 2; "
         "give each observation a unique label, or correct one of them"
     ]
     assert refusals(("a.csv", table + row.format("P10"))) == [

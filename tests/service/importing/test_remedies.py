@@ -281,7 +281,7 @@ ROWS = {
         "all rows are marked as deleted", with_column("deleted", *"111"), with_column("deleted", *"100")
     ),
     "deleted rows without names": Case(
-        "the numbers of the others are not sure",
+        "the numbers of the other rows are uncertain",
         {"a.csv": with_column("deleted", *"010").replace("label;", "remark;")},
         {"a.csv": with_column("deleted", *"010")},
         {"by_order": True},
@@ -491,12 +491,12 @@ VALUES = {
         ignore=["P10 dx [mm]", "P10 dy [mm]", "P10 dz [mm]"],
     ),
     "uncertainty of some points": Case(
-        "the point has no uncertainty, but others have",
+        "the point has no uncertainty, but other points have one",
         {"a.csv": UNSURE, "b.csv": OTHERS},
         {"a.csv": UNSURE, "b.csv": UNSURE.replace("P10", "P11")},
     ),
     "uncertainty of some points, ignored": Case(
-        "the point has no uncertainty, but others have",
+        "the point has no uncertainty, but other points have one",
         {"a.csv": UNSURE, "b.csv": OTHERS},
         stated={"ignore": ["U95 x [mm]", "U95 y [mm]", "U95 z [mm]"]},
     ),
@@ -511,7 +511,10 @@ FILES = {
         "several sheets have data", {"a.xlsx": workbook(change=sheets)}, stated={"sheet": "again"}
     ),
     "no such sheet": Case(
-        "there is no sheet 'Data'", {"a.xlsx": BOOK}, options={"sheet": "Data"}, stated={"sheet": "Sheet"}
+        "the workbook has no sheet 'Data'",
+        {"a.xlsx": BOOK},
+        options={"sheet": "Data"},
+        stated={"sheet": "Sheet"},
     ),
     "damaged workbook": Case(
         "is not well-formed", {"a.xlsx": repacked(BOOK, SHEET, damaged)}, {"a.xlsx": BOOK}
@@ -521,7 +524,7 @@ FILES = {
     "one file twice": Case(
         "two files have this name", (("a.csv", CAMPAIGN), ("a.csv", CAMPAIGN)), {"a.csv": CAMPAIGN}
     ),
-    "no files": Case("0 files", {}, {"a.csv": CAMPAIGN}),
+    "no files": Case("0 files were sent", {}, {"a.csv": CAMPAIGN}),
     "too large": limited(
         "exceed 0 MiB together",
         {"a.csv": CAMPAIGN, "b.csv": CAMPAIGN},
@@ -543,7 +546,7 @@ FILES = {
         {"a.csv": CAMPAIGN},
         **{"header.MAX_JOINTS": 3},
     ),
-    "masses alone": Case("masses and no readings", {"m.csv": MASSES}, {"m.csv": MASSES, "a.csv": CAMPAIGN}),
+    "masses alone": Case("masses, but no readings", {"m.csv": MASSES}, {"m.csv": MASSES, "a.csv": CAMPAIGN}),
     "masses with an unknown header": masses(
         "of a table of masses is unknown", MASSES.replace("body", "thing")
     ),

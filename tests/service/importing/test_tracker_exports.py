@@ -54,7 +54,7 @@ OF_POINTS = (
     "uncertainties: σ = U/(1.96 √3), for both states the root of the mean square"
 )
 OF_COORDINATES = "U(95) X, Y, Z was read as the expanded uncertainty of each coordinate: σ = U/1.96"
-FIRST = "time of the measurement, of the first reading, UTC if it names no zone: "
+FIRST = "time of the first reading, in UTC if the file names no time zone: "
 
 
 def test_the_uncertainty_of_points_is_that_of_their_readings():
@@ -80,7 +80,9 @@ def test_the_uncertainty_of_points_is_that_of_their_readings():
 
 def test_an_uncertainty_of_zero_is_rounded():
     answer = answered(("a.csv", LEICA.replace("0.04", "0")))
-    assert answer.assumptions[-1] == "U(95) of 0 is rounded to 1 µm, and was read as 0.5 µm (1 cells)"
+    assert (
+        answer.assumptions[-1] == "an uncertainty U(95) of 0, rounded to 1 µm, was read as 0.5 µm (1 cells)"
+    )
 
 
 def test_uncertainties_of_coordinates_make_covariances():
@@ -98,7 +100,7 @@ def test_uncertainties_of_coordinates_make_covariances():
         "tracker.csv: the column of targets was read as the instrument's reflector",
         OF_COORDINATES,
         f"{FIRST}2022-11-08 16:10:28+00:00",
-        "U(95) of 0 is rounded to 1 µm, and was read as 0.5 µm (4 cells)",
+        "an uncertainty U(95) of 0, rounded to 1 µm, was read as 0.5 µm (4 cells)",
     ]
     assert meanings_of(answer, 1)[4:] == [
         "U95 x [mm]", "U95 y [mm]", "U95 z [mm]", "target", "ignored", "time", "deleted"
@@ -201,7 +203,7 @@ def listed(*remarks, state="unloaded"):
 def test_files_in_two_frames_are_refused(remark):
     assert refusals(listed(remark), listed("// FRAME = WORLD", state="loaded")) == [
         "loaded.csv: the frame is WORLD, but A::fit in other files; "
-        "export all in one frame; add a line `# Frame: NAME` to a file that names none"
+        "export all files in one frame; add a line `# Frame: NAME` to a file that names no frame"
     ]
 
 

@@ -162,7 +162,9 @@ def test_a_hung_mass_pulls_down_by_its_weight(header):
     assert {one.force for one in answer.measurement_set.observations} == {(0.0, 0.0, -150.0)}
     assert answer.measurement_set.units.force == "kgf"
     assert [row[3] for row in numbers_of(answer)] == [row[3] for row in CAMPAIGN_NUMBERS]
-    assert answer.files[0].assumptions == ["the weight of a mass, 9.80665 N a kilogram, pulls along −z of R0"]
+    assert answer.files[0].assumptions == [
+        "the weight of each mass, 9.80665 N per kilogram, pulls along −z of R0"
+    ]
 
 
 def test_a_hung_mass_stands_in_place_of_forces():
@@ -231,7 +233,7 @@ def held(*marks):
 def test_observations_are_held_out_by_a_column():
     answer = answered(held("1", "", "0"))
     assert (answer.leave_out, numbers_of(answer)) == (["c01"], CAMPAIGN_NUMBERS)
-    assert answer.assumptions == ["held out from the fit, to judge it: c01"]
+    assert answer.assumptions == ["observations held out from the fit, to check it: c01"]
     assert refusals(held("yes", "", "0")) == [
         "a.csv:2:2: 'yes' is neither 0 nor 1; write 1 to hold the observation out from the fit, else 0"
     ]
@@ -282,8 +284,10 @@ def test_numbers_far_from_their_column_are_asked_about():
     assert (answer.missing_fields, answer.measurement_set) == (["accept_unusual"], None)
     assert answer.missing == [
         "a confirmation (`accept_unusual`) that this is right: "
-        "joint 1 90500 ('day.csv', line 11) is 1608 times the spread of the others away; "
-        "P1 unloaded x 12495 ('day.csv', line 9, column 6) is 287 times the spread of the others away"
+        "joint 1 90500 ('day.csv', line 11) is 1608 times the spread of the "
+        "other values away from the median; "
+        "P1 unloaded x 12495 ('day.csv', line 9, column 6) is 287 times the spread of the "
+        "other values away from the median"
     ]
     accepted = numbers_of(answered(file, accept_unusual=True))
     assert (accepted[9][1], accepted[7][3]["P1"][0][0]) == ([90500.0], 12495.0)

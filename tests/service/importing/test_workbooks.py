@@ -61,7 +61,7 @@ def test_the_sheet_is_stated_where_several_have_data():
     file = "a.xlsx", workbook(change=noted)
     assert refusals(file) == ["a.xlsx: several sheets have data: 'Sheet, notes'; give `sheet` [sheet]"]
     assert refusals(file, sheet="Tabelle1") == [
-        "a.xlsx: there is no sheet 'Tabelle1'; give one of 'Sheet, notes' as `sheet` [sheet]"
+        "a.xlsx: the workbook has no sheet 'Tabelle1'; give one of 'Sheet, notes' as `sheet` [sheet]"
     ]
     assert answered(file, show_faults=True).faults[0].words == ["Sheet", "notes"]
     assert numbers_of(answered(file, sheet="Sheet")) == CAMPAIGN_NUMBERS
@@ -137,7 +137,7 @@ def test_texts_in_a_part_of_their_own_are_read_without_their_pronunciation():
         assert numbers_of(answered(("a.xlsx", each))) == CAMPAIGN_NUMBERS
     other = repacked(content, TEXTS, lambda _: b'<sst xmlns="urn:other"><si><t>a</t></si></sst>')
     assert refusals(("a.xlsx", other)) == [
-        f"a.xlsx:1:1: a cell that refers to an unknown text '0'; {SAVE_AGAIN}"
+        f"a.xlsx:1:1: a cell refers to a shared text that the workbook lacks, '0'; {SAVE_AGAIN}"
     ]
 
 
@@ -158,15 +158,24 @@ def lying():
 @pytest.mark.parametrize(
     ("made", "said"),
     [
-        (lambda: b"PK\x03\x04" + b"x" * 1000, "not an Excel file (.xlsx), or damaged (BadZipFile)"),
-        (lambda: workbook()[:-30], "not an Excel file (.xlsx), or damaged (BadZipFile)"),
-        (lying, "not an Excel file (.xlsx), or damaged (BadZipFile)"),
-        (lambda: bomb(MAX_UNPACKED_BYTES + 1), "more than 64 MiB when unpacked"),
-        (lambda: bomb(MAX_UNPACKED_BYTES // 8, parts=9), "more than 64 MiB when unpacked"),
-        (lambda: bomb(1, parts=1001), "more than 1000 parts, or two of one name"),
-        (lambda: bomb(10), "not an Excel workbook: there is no part 'xl/_rels/workbook.xml.rels'"),
-        (lambda: related(b"worksheet"), "a workbook without a sheet, or with two tables of texts or styles"),
-        (lambda: related(b"theme"), "a workbook without a sheet, or with two tables of texts or styles"),
+        (
+            lambda: b"PK\x03\x04" + b"x" * 1000,
+            "the file is not an Excel file (.xlsx), or is damaged (BadZipFile)",
+        ),
+        (lambda: workbook()[:-30], "the file is not an Excel file (.xlsx), or is damaged (BadZipFile)"),
+        (lying, "the file is not an Excel file (.xlsx), or is damaged (BadZipFile)"),
+        (lambda: bomb(MAX_UNPACKED_BYTES + 1), "the file has more than 64 MiB when it is unpacked"),
+        (lambda: bomb(MAX_UNPACKED_BYTES // 8, parts=9), "the file has more than 64 MiB when it is unpacked"),
+        (lambda: bomb(1, parts=1001), "the file has more than 1000 parts, or two parts with the same name"),
+        (lambda: bomb(10), "the file is not an Excel workbook: it has no part 'xl/_rels/workbook.xml.rels'"),
+        (
+            lambda: related(b"worksheet"),
+            "the workbook has no sheet, or more than one part with shared texts or with styles",
+        ),
+        (
+            lambda: related(b"theme"),
+            "the workbook has no sheet, or more than one part with shared texts or with styles",
+        ),
     ],
 )
 def test_an_archive_that_means_harm_is_refused(made, said):
@@ -180,7 +189,7 @@ def test_no_part_may_define_entities(part):
     ten = b"".join(b'<!ENTITY %c "%s">' % (98 + number, b"&%c;" % (97 + number) * 10) for number in range(8))
     harm = b'<!DOCTYPE a [<!ENTITY a "aaaaaaaaaa">' + ten + b"]><a>&i;</a>"
     assert refusals(("a.xlsx", repacked(with_shared_texts(workbook()), part, lambda _: harm))) == [
-        f"a.xlsx: a document type in part '{part}', which could define entities; {SAVE_AGAIN}"
+        f"a.xlsx: part '{part}' declares an XML document type, which is not allowed; {SAVE_AGAIN}"
     ]
 
 
@@ -191,5 +200,5 @@ def test_the_tags_of_all_parts_are_counted_together():
     with pytest.raises(ImportFileError) as caught:
         list(archive.elements(SHEET, "row"))
     assert str(caught.value) == (
-        f"'a.xlsx': more than 2500000 tags in part '{SHEET}' and those before it; {SAVE_AGAIN}"
+        f"'a.xlsx': the file has more than 2500000 XML tags up to part '{SHEET}'; {SAVE_AGAIN}"
     )

@@ -14,7 +14,7 @@ from support.terminal import terminal
 import jointstiff as js
 from jointstiff.schemas.comparison import CampaignComparison
 from jointstiff.service.kinds.comparison.kind import COMPARISON, entries_sheet
-from jointstiff.service.reports.job import job_report
+from jointstiff.service.reports.job import lay_out_job
 from jointstiff.service.tables.files import csv_text
 from jointstiff.service.tables.table import Sheet
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -176,7 +176,8 @@ class TestTwoCampaigns:
                         "residuals_exceed_sigma",
                         "second",
                         "the residuals are 14.2 times as large as the stated noise allows, so the "
-                        "uncertainties are too small; how much depends on what the model leaves unexplained",
+                        "uncertainties are too small; by how much depends on deflections that the model "
+                        "does not explain",
                     ),
                 ],
             ),
@@ -196,22 +197,23 @@ class TestTwoCampaigns:
 
         three = [posted(campaign(seed=seed))["id"] for seed in (4, 5)]
         assert told(compared(*three)) == (
-            "422 | run_ids | the runs are of 3 measurement sets | compare runs of one set or of two; the "
-            "robot's trend shows all its sets"
+            "422 | run_ids | the runs belong to 3 measurement sets, but at most two sets can be compared | "
+            "give runs of one set or of two; the trend of the robot shows all sets"
         )
         read = campaign(configurations=8, seed=7)
         priors = {"joint_2": {"stiffness": 3e6, "standard_uncertainty": 3e5}}
         with_priors = posted(read, priors=priors)["id"]
         assert told(compared(with_priors)) == (
-            f"422 | run_ids | the run '{with_priors}' is with priors: both sets may share its errors, so "
-            "that they are not independent | identify the measurement set by loads without `priors`, and "
-            "give the new run"
+            f"422 | run_ids | the run '{with_priors}' uses priors, whose errors may be common to both sets, "
+            "but the sets must be independent | identify the measurement set under external loads and "
+            "without `priors`, and give the new run"
         )
         bent = {"elasticity": "coupled_joints", "link_penalty": 0.1, "loss": "squared"}
         coupled = posted(read, **bent, cross_validation={"folds": 2})["id"]
         assert told(compared(coupled)) == (
-            f"422 | run_ids | two sides are compared by their joints only, but the run '{coupled}' has "
-            "elasticity coupled_joints | identify the measurement set with elasticity `joints`, and give the "
+            f"422 | run_ids | a comparison of two sides needs runs with elastic joints only, but the run "
+            f"'{coupled}' has elasticity coupled_joints | identify the measurement set with elasticity "
+            f"`joints`, and give the "
             "new run"
         )
 
@@ -244,7 +246,7 @@ def shown(comparison, width=200):
     """Return the words of a comparison in a terminal."""
     console = Console(width=width, highlight=False)
     with console.capture() as caught:
-        console.print(job_report(COMPARISON, comparison))
+        console.print(lay_out_job(COMPARISON, comparison))
     return " ".join(caught.get().split())
 
 
@@ -281,7 +283,7 @@ class TestMethods:
     def test_the_terminal_shows_the_method_that_was_possible(self, of_one_target):
         words = shown(of_one_target)
         for line in [
-            "Use this comparison: nothing speaks against it; all 6 joints of its run passed the checks",
+            "Use this comparison: no fault was found; all 6 joints of its run passed the checks",
             "joint_1 free 3.817(69)",
             "joint_6 free 0.090(18)",
             "PP: partial pose; free: unconstrained; 3.188(17): 3.188 with standard uncertainty 0.017; "

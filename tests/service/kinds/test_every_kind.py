@@ -15,7 +15,7 @@ from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import JobSummary
 from jointstiff.schemas.query import JobQuery
 from jointstiff.service.kinds.registry import KINDS
-from jointstiff.service.reports.job import job_report
+from jointstiff.service.reports.job import lay_out_job
 from jointstiff.simulator import default_arm, simulate_campaign
 
 CAMPAIGN = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
@@ -129,7 +129,7 @@ def test_it_has_an_end_files_and_a_place_in_the_terminal(client, job, kind):
         assert job["id"] in answer.headers["content-disposition"] or kind.name == "program", file.name
         assert answer.content
     console = Console(file=io.StringIO(), width=120)
-    console.print(job_report(kind, kind.message.model_validate(job)))
+    console.print(lay_out_job(kind, kind.message.model_validate(job)))
     assert len(console.file.getvalue().splitlines()) > 5
 
 

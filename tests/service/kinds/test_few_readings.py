@@ -35,11 +35,14 @@ def test_one_reading_identifies_no_joint(deflected):
     document = changed(deflected, ROWS, [row | {"readings": row["readings"][:1]}])
     result = js.identify(document, **INCLUDED).result
     assert result.assessment.verdict == "do_not_use"
-    exact = "there are as many parameters as readings, so the fit is exact whatever was measured"
+    exact = "there are as many parameters as readings, so the fit reproduces any readings exactly"
     assert reasons_of(result) == [
         ("no_joint_identified", "the readings identify no joint: 6 not observable"),
         ("no_residual_freedom", f"{exact}: its uncertainty comes from the stated noise only"),
-        ("few_postures", "1 distinct posture: the stiffnesses were not tested in other postures"),
+        (
+            "few_postures",
+            "the set has 1 distinct posture, so the stiffnesses were not tested in other postures",
+        ),
     ]
     assert {joint.status for joint in result.joints} == {"not_observable"}
     assert {joint.stiffness for joint in result.joints} == {None}
@@ -52,7 +55,7 @@ def test_one_posture_without_noise_has_no_uncertainty(deflected):
     assert result.assessment.verdict == "do_not_use"
     (freedom, unknown), (few, _) = reasons_of(result)
     assert (freedom, few) == ("no_residual_freedom", "few_postures")
-    assert unknown.endswith("so the fit is exact whatever was measured: the uncertainty is unknown")
+    assert unknown.endswith("so the fit reproduces any readings exactly: the uncertainty is unknown")
     assert {joint.status for joint in result.joints} == {"at_bound", "identified", "uncertain"}
     assert result.goodness.degrees_of_freedom == 3.0
 
@@ -77,7 +80,7 @@ def test_methods_that_need_a_pose_say_that_targets_are_missing(deflected):
     made = js.compare(changed(deflected, ROWS, rows), methods=methods)
     assert made.result.assessment.verdict == "do_not_use"
     assert reasons_of(made.result) == [
-        ("no_joint_identified", "these readings cannot support any of these methods")
+        ("no_joint_identified", "every compared method failed, so no joint stiffness is known")
     ]
     assert [entry.assessment for entry in made.result.entries] == [None] * 4
     assert made.result.summary.joints_identified == 0

@@ -13,7 +13,7 @@ from support.pages import lines_of_page
 
 from jointstiff.service.kinds.registry import KINDS
 
-ALL_SIX = "nothing speaks against it; all 6 joints of its run passed the checks"
+ALL_SIX = "no fault was found; all 6 joints of its run passed the checks"
 BOUND = [
     "own weight is not included, because no masses are given",
     "no bound of the model error at 95 %: 19 postures are needed, and there are 12",
@@ -163,8 +163,8 @@ class TestPlan:
         assert found["lines"] == [
             "certified: at least 98.6 % of the best list's information (volume of the uncertainty ellipsoid)",
             "4999 of 5000 readings were feasible; struck out: self collision 1",
-            "the list has only the new readings, but the predicted uncertainties also use those of the "
-            "campaign so far: identify both together, as in the campaign to fill in",
+            "the list has only the new readings, but the predicted uncertainties also use the readings "
+            "of the campaign so far: identify old and new readings together",
         ]
 
     def test_the_list_to_fill_in_and_the_page(self, local, jobs):
@@ -176,7 +176,8 @@ class TestPlan:
         lines = report_of(local, jobs["plan"])
         for line in [
             "joint_4 | 2.6 % | 7.9 % |",
-            "Readings, in order; v…: held out, to judge the model. Targets: P10, P11, P12. Load point in the "
+            "Readings, in order; v…: readings to validate the model, not to fit it. Targets: P10, P11, "
+            "P12. Load point in the "
             "flange frame: -60, 20, 180 mm",
             "p1 | -99.0 | 11.0 | 54.0 | -55.0 | 83.0 | 160.0 | 1500 | x -0.38 y +0.86 z -0.33 | [ ] | [ ] |",
             "1500 N",

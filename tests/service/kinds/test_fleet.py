@@ -16,7 +16,7 @@ from jointstiff.schemas.measurement import MeasurementSetRequest
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.jobs import Parts
 from jointstiff.service.kinds.fleet import work as fleet_work
-from jointstiff.service.kinds.work import pack
+from jointstiff.service.kinds.work import pack_arrays
 from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -207,7 +207,7 @@ def test_after_a_death_the_sets_that_were_identified_are_kept(
     job = posted(parts, measurement_set_ids=sets)
     part, spans = claims.claim("dies"), parts.jobs["fleet"].work(job).steps()
     parts.jobs["fleet"].mark_running(job)
-    assert store.steps.keep(job, spans[0], pack(parts.jobs["fleet"].work(job).compute(spans[0])))
+    assert store.steps.keep(job, spans[0], pack_arrays(parts.jobs["fleet"].work(job).compute(spans[0])))
     assert current(parts, job).progress.done == 2
     computed.clear()
     others = Parts(store, claims.enqueue)  # another worker

@@ -84,31 +84,31 @@ FITTED = {
     "load_point_elsewhere": (
         "load_point",
         "every load point moved by (-28.8, 19.7, -38.8) mm ± (5.07, 3.77, 18.9) mm in the flange frame",
-        "(F test, p = 4e-23); a compliance changes by 56 %",
+        "(F test, p = 4e-23); compliances change by up to 56 %",
         "1.77",
     ),
     "load_point_far_elsewhere": (
         "load_point",
         "every load point moved by (-78.8, 59.7, -98.8) mm ± (5.06, 3.77, 18.9) mm in the flange frame",
-        "(F test, p = 1e-42); a compliance changes by 39 %",
+        "(F test, p = 1e-42); compliances change by up to 39 %",
         "4.45",
     ),
     "load_point_at_the_flange": (
         "load_point",
         "every load point moved by (-58.8, 19.7, 181) mm ± (5.07, 3.76, 18.9) mm in the flange frame",
-        "(F test, p = 5e-27); a compliance changes by 48 %",
+        "(F test, p = 5e-27); compliances change by up to 48 %",
         "3.93",
     ),
     "load_point_stated_too_well": (
         "load_point",
         "every load point moved by (8.25, 9.67, -8.85) mm ± (5.07, 3.76, 18.9) mm in the flange frame",
-        "(F test, p = 5e-07); a compliance changes by 9.2 %",
+        "(F test, p = 5e-07); compliances change by up to 9.2 %",
         "1.21",
     ),
     "weight_forgotten": (
         "constant_force",
         "a constant force of (-1.34, 0.706, -300) N ± (5.91, 4.77, 4.66) N (axes of R0) added to every load",
-        "(F test, p = 6e-147); a compliance changes by 60 %",
+        "(F test, p = 6e-147); compliances change by up to 60 %",
         "12.8",
     ),
 }
@@ -123,7 +123,7 @@ def test_a_cause_is_named_with_its_size_and_fitted_it_stays_refuted(name):
     assert (better.code, exceeded.code) == ("alternative_explains_better", "residuals_exceed_sigma")
     moved = fitted.partition(" ± ")[0]
     assert better.message.startswith(f"with {moved}")
-    assert "the joints explain the readings better than chance allows" in better.message
+    assert "the joints explain the readings significantly better" in better.message
     assert change in better.message
     assert better.remedy == (
         "measure the load point on the flange"
@@ -136,7 +136,7 @@ def test_a_cause_is_named_with_its_size_and_fitted_it_stays_refuted(name):
     (reason,) = after.result.assessment.reasons
     assert reason.message == (
         f"{fitted} (95 %) was fitted with the joints; the intervals include its uncertainty, "
-        "and the stated value stays refuted"
+        "and the readings contradict the stated value"
     )
     assert [part.source for part in after.result.budget.components] == [
         "readings",
@@ -168,7 +168,7 @@ def test_since_when_a_tracker_stood_elsewhere_is_said_by_any_label():
     before = js.identify(planted(clean_campaign(), moved_since(9)), elasticity="joints")
     assert before.result.assessment.reasons[0].message == (
         "with a shift of all readings under load by (57.3, -0.635, 78.2) µm since observation '{9}', the "
-        "joints explain the readings better than chance allows (F test, p = 8e-31); a compliance changes by "
+        "joints explain the readings significantly better (F test, p = 8e-31); compliances change by up to "
         "10 %"
     )
     after = before.apply("fit_causes")
@@ -244,15 +244,16 @@ def test_a_cause_that_the_readings_cannot_show_is_refused(options, said):
             (
                 "plan.leave_out",
                 "a plan that begins a campaign has no observations to leave out",
-                "omit `leave_out`, or go on with a measured campaign",
+                "omit `leave_out`, or continue a measured campaign",
             ),
         ),
         (
             {"causes": [{"name": "play"}]},
             (
                 "plan.causes",
-                "`causes` need a measured campaign under loads, and this plan continues none",
-                "omit `causes`, or go on with a measured campaign under loads",
+                "`causes` can be fitted only to a campaign under loads, but this plan continues no such "
+                "campaign",
+                "omit `causes`, or continue a campaign that was measured under loads",
             ),
         ),
     ],

@@ -98,8 +98,8 @@ def test_noise_that_was_refuted_is_said_with_its_factor(own):
     reasons = js.identify(changed(own, noise)).result.assessment.reasons
     assert [reason.message for reason in reasons] == [
         "the residuals give a standard uncertainty of 28.7 µm per coordinate of a reading, 28.7 times the "
-        "1 µm that were stated and that they refuted: deflections that the model does not explain are "
-        "counted as noise"
+        "1 µm that were stated, which the residuals contradict: deflections that the model does not explain "
+        "are counted as noise"
     ]
 
 
@@ -184,8 +184,9 @@ class TestWhatOwnWeightDoesNotKnow:
             return local.request("POST", "/v1/plans", json=asked | changes)
 
         assert told(plan()) == (
-            "422 | load | the robot has no masses, or no stiffness of a joint is known | state `bodies` "
-            "of the robot, and a guess of the joints' `stiffness`"
+            "422 | load | a plan for own weight needs the masses of the robot and the stiffness of at "
+            "least one "
+            "joint | state `bodies` of the robot, and a guess of the joints' `stiffness`"
         )
         area = [[1.0, 0.0, 1.0], [2.0, 1.0, 2.0]]
         assert told(plan(stiffness={"joint_2": 3e6}, work_area=area)) == (
@@ -195,7 +196,7 @@ class TestWhatOwnWeightDoesNotKnow:
         )
         assert told(plan(**guess, load=on_a_wall | {"estimate_gravity": True})) == (
             "422 | load | a plan for own weight supports neither balancers nor an estimate of gravity | "
-            "state `gravity`; choose postures by hand for a robot with balancers"
+            "state `gravity` instead; for a robot with balancers, choose the postures by hand"
         )
         left_out = [plan(**guess, **load).json()["result"]["left_out"] for load in ({"load": on_a_wall}, {})]
         assert left_out == [[], ["joint_1"]]
@@ -230,8 +231,9 @@ class TestWhatOwnWeightDoesNotKnow:
         for run, more in ((stored, {"masses": MASSES}), (loaded, {})):
             asked = still | {"run_id": run["id"]} | more
             assert told(local.request("POST", "/v1/deflections", json=asked)) == (
-                f"422 | absolute | `absolute` uses the own weight of run '{run['id']}': it has none, or "
-                "masses are given, too | choose a run with `weight` and without balancers, and leave "
+                f"422 | absolute | `absolute` needs own weight in run '{run['id']}', and no `masses` in the "
+                "request; one of these conditions is not met | choose "
+                "a run with `weight` and without balancers, and leave "
                 "`masses` out"
             )
 

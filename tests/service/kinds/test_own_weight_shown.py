@@ -29,7 +29,7 @@ def test_the_terminal_says_what_masses_make_up_of_each_interval(tmp_path, own):
         "│ joint_1 │ — │ — │ — │ not observable │",
         "│ joint_2 │ 3.05 │ 0.35 │ 2.34 … 3.59 │ roughly known │",
         "│ joint_6 │ 0.101 │ 0.020 │ 0.072 … 0.159 │ roughly known │",
-        "joint_1: gravity does not load it in any of the postures: pull across it with a known force",
+        "joint_1: gravity does not load the joint in any of the postures: apply a known force that twists it",
         "explains 98.9 % of the mean deflection, residual 42.5 µm rms (3-D), sigma of a reading "
         "30 µm (given)",
         "share of uncertain masses in each interval: joint_2 35 %, joint_3 68 %, joint_4 18 %, joint_5 42 %, "
@@ -37,7 +37,7 @@ def test_the_terminal_says_what_masses_make_up_of_each_interval(tmp_path, own):
         "without sag, the best geometry leaves 249 µm rms of a coordinate; with sag, 26.9 µm",
         "warning: the readings do not check the mass of link 2, link 3, link 4, link 5, link 6: twice the "
         "stated mass might not be noticed, and would change a "
-        "compliance by up to 1.1e+02 %; be sure of these "
+        "compliance by up to 1.1e+02 %; check these "
         "masses, or hang a "
         "known payload in half of the postures",
         "χ²/dof 0.85: consistent with sigma (1 if model and sigma are right; 165 degrees of freedom)",
@@ -53,14 +53,14 @@ def test_the_report_states_masses_with_their_bounds_and_shares_of_intervals(loca
     for line in [
         "joint_1 | — | — | — | — | not observable |",
         "joint_2 | 3.05 | 0.35 | — | 2.34 … 3.59 | use |",
-        "– joint_1: no number: gravity does not load it in any of the postures: pull across it with a known "
-        "force.",
+        "– joint_1: no number: gravity does not load the joint in any of the postures: apply a known force "
+        "that twists it.",
         "Z | -0.00101 | -4.79 · 10⁻⁵ | 0.00254 | — |",
         "– the load or own weight twists joint_1, which the readings of the run do not determine: the "
         "prediction is not valid",
         "joint_2 | 65 % | 35 % |",
         "joint_3 | 32 % | 68 % |",
-        "Shares of each interval's width, by the readings and by the bounds of the masses.",
+        "Shares of each interval's width: from the readings, and from the bounds of the masses.",
         "– Deviations: none.",
         "link 1 380 kg (342 to 418); link 2 230 kg (207 to 253); link 3 260 kg (234 to 286); link 4 95 kg "
         "(85.5 to 104.5); link 5 55 kg (49.5 to 60.5); link 6 48 kg (43.2 to 52.8)",
@@ -89,10 +89,10 @@ def test_sag_is_in_a_prediction_that_is_absolute_and_only_there(local, run):
         return local.request("POST", "/v1/deflections", json=asked | {"absolute": absolute}).json()
 
     bent, relative = predicted(True), predicted(False)
-    headline = "Use this prediction: nothing speaks against it; 5 of 6 joints of its run passed the checks"
+    headline = "Use this prediction: no fault was found; 5 of 6 joints of its run passed the checks"
     no_bound = (
-        "no bound of the model error: stiffnesses are from the robot's own weight: no posture under load was "
-        "left out"
+        "no bound of the model error: the stiffnesses come from the robot's own weight, not from postures "
+        "under load"
     )
     for found, said in (
         (bent, "absolute: relative to an arm that does not bend, so sag by own weight is included"),

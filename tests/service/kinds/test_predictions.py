@@ -13,8 +13,8 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.plan import Plan, PlanRequest, Surroundings
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.importing.reading import SourceFile
-from jointstiff.service.kinds.plan.kind import _readings, readings_sheet
-from jointstiff.service.kinds.plan.work import _cell
+from jointstiff.service.kinds.plan.kind import _readings_table, readings_sheet
+from jointstiff.service.kinds.plan.work import _check_facing
 from jointstiff.service.resources.imports import import_files
 from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import TARGETS, default_arm, equilibrium, robot_document, simulate_campaign
@@ -126,7 +126,7 @@ def test_the_list_is_filled_in_and_dropped_back(parts, robot):
     assert answer.missing == []
     held_out = [each.label for each in plan.result.readings if each.held_out]
     assert answer.leave_out == held_out != []
-    assert f"held out from the fit, to judge it: {', '.join(held_out)}" in answer.assumptions
+    assert f"observations held out from the fit, to check it: {', '.join(held_out)}" in answer.assumptions
     campaign = {"robot": robot_document(default_arm()), "measurement_set": answer.measurement_set}
     campaign["measurement_set"] = answer.measurement_set.model_dump(mode="json", exclude_unset=True)
     run = identify(campaign | {"run": {"leave_out": answer.leave_out}}, elasticity="joints")
@@ -173,7 +173,7 @@ def test_each_block_of_four_is_a_good_plan_by_itself(parts, robot):
     whole = plan.result
     blocks = [each.block for each in whole.readings]
     assert ["block", list(map(str, blocks))] in [
-        [each.name, each.values] for each in _readings(plan, whole, boxes=False).columns
+        [each.name, each.values] for each in _readings_table(plan, whole, boxes=False).columns
     ]
     assert blocks == sorted(blocks)
     assert max(blocks) == 4
@@ -207,4 +207,4 @@ def test_what_is_known_beforehand_counts(parts, robot):
 def test_each_target_faces_somewhere_or_none_does(second):
     facing = Surroundings.model_construct(facing={"P10": (0.0, 0.0, 1.0)} | second)
     with pytest.raises(RequestError, match="`facing` has directions for P10"):
-        _cell(facing, ("P10", "P11"))
+        _check_facing(facing, ("P10", "P11"))

@@ -10,7 +10,7 @@ from support.refusals import told
 
 RESIDUALS = (
     "the residuals are 11.6 times as large as the stated noise allows, so the uncertainties are too small; "
-    "how much depends on what the model leaves unexplained"
+    "by how much depends on deflections that the model does not explain"
 )
 
 
@@ -70,7 +70,7 @@ def test_the_report_states_deviations_and_the_budget_with_its_coverage(local, ru
         "[10⁶ N·m/rad], k = 1.282, partial | 80 % interval [10⁶ N·m/rad] | verdict |",
         "joint_2 | 2.000 | 0.022 | 0.029 | 1.999 … 2.000 | at bound |",
         "joint_3 | 7.46 | 1.4 | 1.8 | 2.31 … 7.46 | do not use |",
-        "Contributions to the standard uncertainty of each compliance [% of it]",
+        "Contributions to the standard uncertainty of each compliance [% of the compliance]",
         "source | type | joint_2 | joint_3 | joint_4 | joint_5 | joint_6 |",
         "readings | B | 0.30 | 2.2 | 3.4 | 0.95 | 4.0 |",
         "assumed force scale | B | 1.00 | 1.0 | 0.99 | 1.00 | 0.80 |",
@@ -150,8 +150,8 @@ FEWER = "no bound of the model error at 95 %: 19 postures are needed, and there 
             [[-0.00013743, 0.0, -0.00010939]],
             [
                 [
-                    "extrapolated: the readings determine this posture and place 18.4 times less than the "
-                    "worst measured target"
+                    "extrapolated: the prediction here is 18.4 times as uncertain as at the worst "
+                    "measured target"
                 ]
             ],
         ),

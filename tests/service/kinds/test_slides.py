@@ -186,8 +186,8 @@ class TestWorkOfARail:
         assert (found.counts["reached"], found.worst.joints[0]) == (8, RAIL)
         assert [name for name, kind in found.joint_kinds.items() if kind == "prismatic"] == ["joint_1"]
         assert refused(js.map, runs["rail"], **AREA) == (
-            "map.run_id | the position of the linear axis joint_1 is not stated | give all joints as "
-            "`near` or `start`: the linear axis stays there"
+            "map.run_id | the request does not give the position of the linear axis joint_1 | give all "
+            "joints as `near` or `start`: the linear axis stays there"
         )
         assert refused(js.map, runs["scara"], **AREA) == (
             "map.run_id | the robot has 3 revolute joints | inverse kinematics needs an arm with six "
@@ -267,7 +267,7 @@ class TestThePlansListIsFilledIn:
         assert answer.joint_kinds == ["prismatic", *["revolute"] * 6]
         assert answer.first_labels == ["v1", "p2", "p3", "p4", "p5"]
         assert (answer.targets, answer.leave_out) == (["P10", "P11", "P12"], ["v1"])
-        assert answer.assumptions == ["held out from the fit, to judge it: v1"]
+        assert answer.assumptions == ["observations held out from the fit, to check it: v1"]
         meanings = [f"{each.meaning} [{each.unit}]" for each in answer.files[0].columns[1:14]]
         assert meanings[:2] == ["joint 1 [mm]", "joint 2 [deg]"]
         assert meanings[7:] == [

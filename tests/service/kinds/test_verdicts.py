@@ -26,8 +26,8 @@ import jointstiff
 import jointstiff as js
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.reports.exports import FORMATS
-from jointstiff.service.reports.job import job_report
-from jointstiff.service.runs.verdicts import of_points
+from jointstiff.service.reports.job import lay_out_job
+from jointstiff.service.runs.verdicts import find_far_points
 from jointstiff.simulator import default_arm, simulate_campaign
 
 TRUTH = default_arm().compliances
@@ -46,7 +46,7 @@ def test_the_action_of_a_proved_mistake_leads_to_a_run_for_use(clean, mistake):
     after = before.apply(action)
     assert after.result.assessment.verdict == "use", after.result.assessment.reasons
     for joint, compliance in zip(after.result.joints, TRUTH, strict=True):
-        by_readings = after.result.budget.included_in(joint.name)["readings"]
+        by_readings = after.result.budget.contributions_to(joint.name)["readings"]
         assert abs(joint.compliance - compliance) < 5 * by_readings
     assert after.request.complementary_stiffness == "included"
     mended = after.campaign
@@ -198,7 +198,7 @@ def test_every_kind_says_first_that_its_run_is_not_to_be_used(kind, local, post_
     job = post_job(kind, **(ACCEPTED if kind in REFUSED else {})).json()
     (found,) = [each for each in KINDS if each.name == kind]
     shown = io.StringIO()
-    Console(file=shown, width=120).print(job_report(found, found.message.model_validate(job)))
+    Console(file=shown, width=120).print(lay_out_job(found, found.message.model_validate(job)))
     first, *rest = shown.getvalue().splitlines()
     assert first.strip() == FIRST[kind]
     accepted = [
@@ -371,7 +371,7 @@ def test_a_program_for_kilonewtons_is_refused_with_all_its_reasons(run):
         ABSURD["program, kN for N"](run, None)
     problem = refused.value.problem
     assert (problem.type, problem.where) == ("urn:jointstiff:problem:not-to-be-used", "max_displacement")
-    assert problem.detail == "the verdict on a program whose corrections are held back is: do not use"
+    assert problem.detail == "the verdict on a program whose corrections exceed the limits is: do not use"
     assert [each.reason for each in problem.errors] == [
         "the greatest deflection is 710.9 mm, 138 times the greatest of the campaign",
         "4 of 4 points have loads or postures beyond those of the campaign",
@@ -400,7 +400,7 @@ def test_the_greatest_deflection_and_the_farthest_point_decide(run):
     said = {each.code: each.message for each in run.predict(3 * POSTURE, forces, at=POINT).assessment.reasons}
     assert said["beyond_campaign"].startswith("1 of 3 cases")
     assert "times the greatest of the campaign" in said["prediction_implausible"]
-    (reason,) = of_points([POINT, (0.9, 1.2, 0.1), None])
+    (reason,) = find_far_points([POINT, (0.9, 1.2, 0.1), None])
     assert "1.5 m from the flange" in reason.message
 
 

@@ -15,7 +15,7 @@ from support.slides import arm_on_rail
 import jointstiff as js
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.kinds.program.work import ProgramWork, unpacked
+from jointstiff.service.kinds.program.work import ProgramWork, decompress_file
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.simulator import TARGETS, default_arm, equilibrium, random_configurations, simulate_campaign
 from jointstiff.simulator.own_weight import default_bodies, sag, unloaded_campaign
@@ -77,13 +77,14 @@ def test_a_program_is_compensated_with_the_rail_standing_still():
     assert result.corrected == 9
     assert result.deflection.median > 5e-4
     assert result.residual.greatest < 1e-6
-    written = unpacked(result.files[0]).decode("latin-1")
+    written = decompress_file(result.files[0]).decode("latin-1")
     poses = np.array([pose_of(line) for line in written.splitlines() if line.startswith("LIN")])
-    commanded, reached = InverseKinematics(robot, wanted[0]).polished(flange_of(poses), wanted[:, 1:])
+    commanded, reached = InverseKinematics(robot, wanted[0]).refine(flange_of(poses), wanted[:, 1:])
     assert reached.all()
     assert off_path(commanded, wanted) < 2e-6
     with pytest.raises(
-        (RequestError, ProgramError), match="the position of the linear axis joint_1 is not stated"
+        (RequestError, ProgramError),
+        match="the request does not give the position of the linear axis joint_1",
     ):
         ProgramWork(robot, "robot", known, request("krl", text, start=None)).conclude(())
 
@@ -117,7 +118,7 @@ def test_joint_targets_are_compensated_by_the_arm_alone():
     result = ProgramWork(robot, "robot", known, request("krl", text, start=start(), bases=[])).conclude(())
     assert result.corrected == 5
     assert result.residual.greatest < 1e-6
-    written = unpacked(result.files[0]).decode("latin-1")
+    written = decompress_file(result.files[0]).decode("latin-1")
     assert written.count(f"E1 {1e3 * RAIL:.3f}") == 5
     moves = [line for line in written.splitlines() if "PTP" in line]
     numbers = [[float(re.search(rf"A{j} (-?[0-9.]+)", line)[1]) for j in range(1, 7)] for line in moves]

@@ -73,8 +73,8 @@ def test_work_keeps_arrays_whose_layout_survives_pickling(work):
 
 
 LABELS = ["a", "b", "c"]
-MADE = [terms.load_scale([{"a"}, ("b", "c")]), terms.turn_about(np.zeros(3))]
-MADE += [terms.since(term, LABELS, "b") for term in (*MADE, terms.SHIFT)]
+MADE = [terms.build_load_scale_term([{"a"}, ("b", "c")]), terms.build_turn_term(np.zeros(3))]
+MADE += [terms.limit_to_later(term, LABELS, "b") for term in (*MADE, terms.SHIFT)]
 
 
 @pytest.mark.parametrize("term", [*terms.TERMS.values(), *MADE], ids=lambda term: term.name)

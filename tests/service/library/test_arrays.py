@@ -137,7 +137,8 @@ CELLS = "give finite numbers of shape (3,) or (6, 3)"
         (
             {"joints": "x"},
             "`joints` is not an array of numbers: could not convert string to float: 'x'; remedy: give an "
-            "array, lists of equal lengths, or columns of a data frame; NaN for what was not read",
+            "array, lists of equal lengths, or columns of a data frame; write NaN where a target was not "
+            "read",
         ),
         (
             {"joints": np.zeros((0, 6))},

@@ -23,8 +23,8 @@ import jointstiff as js
 from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.measurement import SetChange
 from jointstiff.schemas.run import Campaign
-from jointstiff.service.kinds.rooms import ROOMS, kind_of
-from jointstiff.service.kinds.verb import verb_of
+from jointstiff.service.kinds.rooms import ROOMS, import_kind
+from jointstiff.service.kinds.verb import import_verb
 from jointstiff.service.library import client as module
 from jointstiff.service.library.client import Client
 from jointstiff.service.problems import RefusedError
@@ -327,7 +327,7 @@ def test_a_downloaded_column_is_text_where_any_of_its_cells_is(monkeypatch):
         {"name": "remark", "unit": "", "values": [None, "at a limit"]},
     ]
     monkeypatch.setattr(Client, "file", lambda *_: json.dumps({"columns": columns}).encode())
-    kind = kind_of("map")
+    kind = import_kind("map")
     file = next(each for each in kind.files if each.suffix == "csv")
     sheet = object.__new__(Client).sheet(SimpleNamespace(kind="map", id="m"), file)
     assert sheet.columns == {
@@ -567,11 +567,16 @@ MORE_FIELDS = {"geometry": {"robot"}, "program": {"force"}}
 
 @pytest.mark.parametrize("kind", ROOMS)
 def test_a_verb_names_each_option_of_its_kind(kind):
-    hints = inspect.signature(verb_of(kind)).parameters["fields"].annotation
-    home = importlib.import_module(verb_of(kind).__module__)
+    hints = inspect.signature(import_verb(kind)).parameters["fields"].annotation
+    home = importlib.import_module(import_verb(kind).__module__)
     fields = getattr(home, hints.removeprefix("Unpack[").removesuffix("]"))
-    assert set(fields.__annotations__) == {*kind_of(kind).options.model_fields, *MORE_FIELDS.get(kind, ())}
-    assert all(f"    {name}: " in verb_of(kind).__doc__ for name in kind_of(kind).options.model_fields)
+    assert set(fields.__annotations__) == {
+        *import_kind(kind).options.model_fields,
+        *MORE_FIELDS.get(kind, ()),
+    }
+    assert all(
+        f"    {name}: " in import_verb(kind).__doc__ for name in import_kind(kind).options.model_fields
+    )
 
 
 @pytest.mark.process

@@ -13,7 +13,7 @@ from support.rows import rows_of
 import jointstiff as js
 from jointstiff.simulator import default_arm, simulate_campaign
 
-USE_OF = "nothing speaks against it; all 6 joints of its run passed the checks"
+USE_OF = "no fault was found; all 6 joints of its run passed the checks"
 FORCE = (0, 0, -500.0)
 
 
@@ -101,8 +101,8 @@ def test_a_result_shows_its_verdict_first(results, name, headline):
                 "1 0.108 ± 0.009",
                 "-1.145 ± 0.031 — 437",
                 "2 0.107 ± 0.009 0.019 ± 0.002 -1.145 ± 0.031 — 437",
-                "U of readings, loads and places, and model error, at 95 %; stiffness along the force, "
-                "free to move sideways",
+                "U: expanded uncertainty from readings, loads and places; U and model error at 95 %; "
+                "stiffness along the force, free to move sideways",
             ],
         ),
     ],
@@ -218,8 +218,8 @@ def test_residuals_and_configurations_are_tables_of_their_own(results):
         ),
         (
             lambda run, _: run.apply("dance"),
-            "apply: the assessment does not advise 'dance'; remedy: no reason has an action: read the "
-            "remedies",
+            "apply: the assessment does not advise 'dance'; remedy: no reason offers an action: read "
+            "the remedies",
         ),
     ],
 )

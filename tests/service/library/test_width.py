@@ -20,7 +20,7 @@ from jointstiff.schemas.run import RunRequest
 from jointstiff.service.jobs import Parts
 from jointstiff.service.kinds import width
 from jointstiff.service.kinds.run.work import RunWork
-from jointstiff.service.kinds.width import CancelledWorkError, in_order
+from jointstiff.service.kinds.width import CancelledWorkError, map_in_order
 from jointstiff.service.library.client import Client
 from jointstiff.service.problems import ExecutorError, FilesError
 from jointstiff.service.process import ONE_THREAD
@@ -198,7 +198,7 @@ def test_only_so_many_calls_are_in_flight_and_the_rest_is_not_read(monkeypatch):
             held.begin()
 
     found = []
-    for each in in_order(held, abs, (read.append(i) or -i for i in range(10)), begin):
+    for each in map_in_order(held, abs, (read.append(i) or -i for i in range(10)), begin):
         found.append(each)
         assert len(read) <= len(found) + 4
     assert found == list(range(10))
@@ -222,7 +222,7 @@ def test_an_answer_that_is_due_comes_before_further_arguments():
         return number
 
     with ThreadPoolExecutor(1) as one:
-        answers = in_order(one, answered, arguments(), lambda: False)
+        answers = map_in_order(one, answered, arguments(), lambda: False)
         assert next(answers) == 0
         assert len(read) < 20
         answers.close()
@@ -240,13 +240,13 @@ def test_a_call_that_takes_long_holds_up_no_other(monkeypatch):
         return all(others.acquire(timeout=20) for _ in range(50))
 
     with ThreadPoolExecutor(2) as two:
-        assert list(in_order(two, identified, range(51), lambda: False)) == [True, *range(1, 51)]
+        assert list(map_in_order(two, identified, range(51), lambda: False)) == [True, *range(1, 51)]
 
 
 def test_calls_that_have_not_begun_are_cancelled_with_the_work():
     held = Held()
     with pytest.raises(CancelledWorkError):
-        next(in_order(held, abs, range(5), lambda: len(held.calls) == 5))
+        next(map_in_order(held, abs, range(5), lambda: len(held.calls) == 5))
     assert [future.cancelled() for future, _ in held.calls] == [True] * 5
 
 
@@ -257,7 +257,7 @@ def test_work_is_cancelled_although_all_answers_are_there():
         held.begin()
         return found
 
-    results = in_order(held, abs, range(5), enough)
+    results = map_in_order(held, abs, range(5), enough)
     found.append(next(results))
     with pytest.raises(CancelledWorkError):
         next(results)
@@ -272,7 +272,7 @@ def test_calls_that_have_not_begun_are_cancelled_when_the_iteration_is_left():
             held.begin()
             held.calls = later
 
-    results = in_order(held, abs, range(5), begin_the_first)
+    results = map_in_order(held, abs, range(5), begin_the_first)
     assert next(results) == 0
     results.close()
     assert [future.cancelled() for future, _ in held.calls] == [True] * 4

@@ -18,8 +18,8 @@ from jointstiff.service.app import create_app
 from jointstiff.service.live.campaign import LiveCampaign
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import LOAD_POINT, robot_document
-from jointstiff.solver.live.ahead import Known
-from jointstiff.solver.live.priors import standings
+from jointstiff.solver.live.ahead import KnownCompliances
+from jointstiff.solver.live.priors import compare_priors
 from jointstiff.solver.live.progress import Progress
 
 
@@ -35,15 +35,15 @@ def service(either_database_url: str) -> Iterator[TestClient]:
 def test_a_silent_stream_of_an_open_set_sends_comments(monkeypatch):
     """Else a proxy does not notice that its time is over, and loses the next event."""
     assert live.QUIET_SECONDS <= 15.0
-    monkeypatch.setattr(live, "LOOK_SECONDS", 0.001)
+    monkeypatch.setattr(live, "POLL_SECONDS", 0.001)
     monkeypatch.setattr(live, "QUIET_SECONDS", 0.0025)
-    monkeypatch.setattr(live, "LOOKS", 10**9)
+    monkeypatch.setattr(live, "POLLS_PER_CHECK", 10**9)
     state = SimpleNamespace(revision=3, state="measuring", model_dump_json=lambda: "{}")
     application = SimpleNamespace(state=SimpleNamespace(gate=None, work=None, is_closing=lambda: False))
     sets = SimpleNamespace(revision=lambda _: 3)
 
     async def first(count: int) -> list[bytes]:
-        stream = live._events(SimpleNamespace(app=application), sets, "set", state)
+        stream = live._stream_states(SimpleNamespace(app=application), sets, "set", state)
         return [await anext(stream) for _ in range(count)]
 
     event, *silent = anyio.run(first, 4)
@@ -102,14 +102,14 @@ def test_an_observation_is_acknowledged_once_and_survives(database_url):
 def test_a_reading_that_comes_while_the_set_closes_is_in_it(service, monkeypatch):
     """What was answered 201 is not lost."""
     address = declared(service)
-    state, closing = measured(service, address, 5), LiveCampaign.closing
+    state, closing = measured(service, address, 5), LiveCampaign.fields_when_closed
 
     def late(self: LiveCampaign) -> dict[str, Any]:
         monkeypatch.undo()
         assert service.post(f"{address}/observations", json=read(state["next"])).status_code == 201
         return closing(self)  # of the record as it was loaded before
 
-    monkeypatch.setattr(LiveCampaign, "closing", late)
+    monkeypatch.setattr(LiveCampaign, "fields_when_closed", late)
     closed = service.post(f"{address}/close").json()
     stored = service.get(address).json()
     assert len(closed["readings"]) == len(stored["observations"]) == 6
@@ -191,8 +191,8 @@ def test_a_joint_that_deviates_is_found_and_not_pulled_to_its_prior(client):
 def test_a_prior_waits_until_the_own_readings_know_as_much(compliance, uncertainty, standing):
     u = 1e-7 * np.sqrt(4.0 / 3.0) * 4.303 / 1.96  # of the compliance 1e-6, as three other arms tell
     priors = {"joint_1": StiffnessPrior(stiffness=1e6, standard_uncertainty=1e12 * u)}
-    known = Known(np.array([1e-6 * compliance]), np.array([[(1e-6 * uncertainty) ** 2]]), 2.0)
-    assert standings(["joint_1"], known, priors) == {"joint_1": standing}
+    known = KnownCompliances(np.array([1e-6 * compliance]), np.array([[(1e-6 * uncertainty) ** 2]]), 2.0)
+    assert compare_priors(["joint_1"], known, priors) == {"joint_1": standing}
 
 
 @pytest.mark.parametrize(

@@ -76,7 +76,7 @@ def with_less_force(reading, _first):
             7.481e-5,
             0.35433,
             ["P10 and P11 are exchanged"],
-            f"unloaded targets misplaced: P10 and P11 are exchanged? {AGAIN}",
+            f"the unloaded targets are misplaced: P10 and P11 are exchanged? {AGAIN}",
         ),
         (
             with_less_force,

@@ -90,7 +90,7 @@ def test_the_record_goes_and_comes_with_its_set_and_after_the_robot(client, stor
     assert (deleted(client, address), deleted(client, robot)) == (200, 200)
     purge(store, datetime.now(UTC))
     assert deleted(client, robot, gone=False) == 404
-    assert store.live_entries.of(set_id=address.rpartition("/")[2]) == []
+    assert store.live_entries.find(set_id=address.rpartition("/")[2]) == []
 
 
 def test_who_follows_a_closed_set_is_told_so_once(client):
@@ -108,7 +108,9 @@ def test_a_record_with_its_load_point_among_the_options_alone_is_completed(clien
     body = described(robot, OPEN | {"load_point": list(LOAD_POINT)}, units=units)
     with monkeypatch.context() as earlier:
         earlier.setattr(
-            stored_sets, "completed", lambda sent, options: sent.model_copy(update={"open": options})
+            stored_sets,
+            "complete_targets_and_load_point",
+            lambda sent, options: sent.model_copy(update={"open": options}),
         )
         made = post(client, "/v1/measurement-sets", body)["id"]
     with TestClient(create_app(store), base_url="http://127.0.0.1") as other:

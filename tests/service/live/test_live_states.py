@@ -11,7 +11,7 @@ from support.live import ARM, EXACT, OPEN, declared, described, measured, read
 from support.rows import rows_of
 
 from jointstiff.service.app import create_app
-from jointstiff.service.live.declaration import goal_of
+from jointstiff.service.live.declaration import read_goal
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import LOAD_POINT, robot_document, simulate_campaign
 from jointstiff.solver.errors import RequestError
@@ -94,7 +94,9 @@ def test_one_reading_gives_numbers_that_are_used_with_care(client):
     assert (assessment["verdict"], assessment["joints_identified"]) == ("use_with_care", 5)
     (reason,) = assessment["reasons"]
     assert reason["code"] == "few_postures"
-    assert reason["message"] == "1 distinct posture: the stiffnesses were not tested in other postures"
+    assert reason["message"] == (
+        "the set has 1 distinct posture, so the stiffnesses were not tested in other postures"
+    )
     assert reason["remedy"] == "measure at least 3 postures that differ by 5° or more"
     assert assessment["notes"] == [
         "Forces up to 1471 N (150 kgf), deflections up to 4.62 mm. If N and kgf are confused, every "
@@ -310,16 +312,16 @@ def test_the_reading_that_is_held_out_is_announced_and_counts_towards_the_goal(c
 )
 def test_a_goal_is_understood_in_words(words, goal):
     ((_, kind), (name, number)) = goal.items()
-    found = goal_of(words)
+    found = read_goal(words)
     assert (found.kind, getattr(found, name)) == (kind, pytest.approx(number))
 
 
 @pytest.mark.parametrize("words", ["", "15", "below 3 %", "six um", "0 mm", "-1 um"])
 def test_other_words_are_no_goal(words):
     with pytest.raises(RequestError) as refused:
-        goal_of(words)
+        read_goal(words)
     assert str(refused.value) == (
-        f'goal: {words!r} is no goal; write "15 %" for every joint, "6 um" for the deflection in the work '
+        f'goal: {words!r} is not a goal; write "15 %" for every joint, "6 um" for the deflection in the work '
         f"area, "
         'or "below 0.5 mm" for a decision about it'
     )

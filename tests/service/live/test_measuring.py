@@ -21,7 +21,7 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.live import sources
 from jointstiff.service.live.sources import (
-    Checked,
+    CheckedSource,
     Lines,
     RoboDk,
     Setting,
@@ -83,7 +83,7 @@ def test_a_campaign_is_measured_by_its_source_until_its_goal_is_reached(campaign
 def test_a_mistake_at_the_first_reading_is_withdrawn_once_the_others_show_it(campaign):
     """Targets exchanged by hand, before a source reads the rest."""
     with jointstiff.measure(campaign, goal="15 %", source="simulated:1") as live:
-        stiffness = sources.plausible_stiffness(setting().robot, np.random.default_rng(1))
+        stiffness = sources.draw_plausible_stiffness(setting().robot, np.random.default_rng(1))
         first, arm = live.next, replace(ARM, stiffnesses=stiffness)
         places = positions(arm, first.joints, first.force, sigma=2e-5)
         order = ["P11", "P10", *list(TARGETS)[2:]]
@@ -231,7 +231,7 @@ def test_udp_is_listened_to_and_what_came_before_does_not_count():
 
     async def read():
         source = Lines(f"udp://127.0.0.1:{port}", sample=False, columns="target,x,y,z", source_unit="m")
-        checked = Checked(source, setting(), 5.0)
+        checked = CheckedSource(source, setting(), 5.0)
         await checked.open()
         with (
             socket.socket(type=socket.SOCK_DGRAM) as sender,
@@ -263,7 +263,7 @@ def test_a_serial_line_is_read_and_hangs_up():
     places = positions(ARM, STAND.joints, STAND.force, sigma=2e-5)["unloaded"]
 
     async def read():
-        checked = Checked(Lines(os.ttyname(slave), sample=False, columns="x,y,z,sigma"), setting(), 5.0)
+        checked = CheckedSource(Lines(os.ttyname(slave), sample=False, columns="x,y,z,sigma"), setting(), 5.0)
         await checked.open()
         reading = asyncio.ensure_future(checked.read(STAND))
         await asyncio.sleep(0.1)
@@ -302,7 +302,7 @@ def shown(*stands, where=None):
     """Read targets as a source shows them, with the load in all postures but the first."""
 
     async def read():
-        checked = Checked(Shown(*stands), where or setting(), 5.0)
+        checked = CheckedSource(Shown(*stands), where or setting(), 5.0)
         return [await checked.read(replace(STAND, loaded=i > 0)) for i, _ in enumerate(stands)]
 
     return asyncio.run(read())
@@ -311,11 +311,23 @@ def shown(*stands, where=None):
 @pytest.mark.parametrize(
     ("kept", "refused", "words"),
     [
-        ([THERE + 0.099 * UP], [THERE + 0.101 * UP], "P10 is 0.101 m from where the robot holds it"),
+        (
+            [THERE + 0.099 * UP],
+            [THERE + 0.101 * UP],
+            "P10 is 0.101 m from the position where the robot",
+        ),
         ([THERE + 0.009 * LONGER], [THERE + 0.011 * LONGER], "P11 is .* mm from P10"),
-        ([THERE, THERE - 0.049 * UP], [THERE, THERE - 0.051 * UP], "P10 is 51 mm from where it was without"),
-        ([THERE, THERE + 1e-9], [THERE, THERE], "P10: the source repeats an earlier reading"),
-        ([THERE], [THERE[[0, 0]]], "P11: the source repeats an earlier reading"),
+        (
+            [THERE, THERE - 0.049 * UP],
+            [THERE, THERE - 0.051 * UP],
+            "P10 is 51 mm from its position without",
+        ),
+        (
+            [THERE, THERE + 1e-9],
+            [THERE, THERE],
+            "P10: the source sent exactly the same position as in an earlier reading",
+        ),
+        ([THERE], [THERE[[0, 0]]], "P11: the source sent exactly the same position as in an earlier reading"),
     ],
     ids=["astray", "longer", "deflected", "repeated", "one for another"],
 )
@@ -342,7 +354,7 @@ def test_readings_in_another_frame_are_looked_for_there():
     read = (THERE - station) @ turn  # the inverse of a rotation is its transpose
     assert len(shown(read, where=where)[0]) == len(TARGETS)
     np.testing.assert_allclose([where.from_base(place) for place in THERE], read, atol=1e-12)
-    with pytest.raises(SourceError, match=r"0\.101 m from where"):
+    with pytest.raises(SourceError, match=r"0\.101 m from the position"):
         shown(read + 0.101 * UP, where=where)
 
 

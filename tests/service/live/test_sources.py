@@ -8,7 +8,7 @@ from support.rows import rows_of
 
 import jointstiff as js
 from jointstiff.service.live import sources
-from jointstiff.service.live.sources import SourceError, source_of
+from jointstiff.service.live.sources import SourceError, make_source
 from jointstiff.simulator import LOAD_POINT, TARGETS, default_arm, simulate_campaign
 from jointstiff.solver.errors import RequestError
 
@@ -17,7 +17,7 @@ from jointstiff.solver.errors import RequestError
 def test_what_is_no_source_is_refused_with_what_is(source, said):
     address, options = source.split(" ", 1)
     with pytest.raises(RequestError) as refused:
-        source_of(address, json.loads(options))
+        make_source(address, json.loads(options))
     assert str(refused.value) == said
 
 

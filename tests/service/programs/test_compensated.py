@@ -24,8 +24,8 @@ from support.random_programs import LANGUAGES
 from support.written_programs import rewritten
 
 from jointstiff import schemas, service, solver
-from jointstiff.service.kinds.program.work import ProgramWork, packed, unpacked
-from jointstiff.service.kinds.work import pack, unpack
+from jointstiff.service.kinds.program.work import ProgramWork, compress_file, decompress_file
+from jointstiff.service.kinds.work import pack_arrays, unpack_arrays
 from jointstiff.service.problems import FilesError
 from jointstiff.service.programs import fanuc, krl, rapid, ur
 from jointstiff.service.programs.errors import ProgramError
@@ -42,7 +42,7 @@ FULL = 13
 def commanded_poses(kind, result):
     """Poses of the tool that the corrected file states, and the posture before rounding."""
     file = result.files[0]
-    program = read_program([(file.name, unpacked(file))])
+    program = read_program([(file.name, decompress_file(file))])
     (notation,) = program.targets.notations
     return notation.poses(program.targets.values[:, : 3 + notation.count])
 
@@ -93,7 +93,7 @@ def test_the_certificate_knows_the_rounding(kind):
 def test_no_force_gives_identical_bytes(kind):
     text = program_text(kind, tool_poses(path(20)), 4)
     result = compensated(kind, text, load={"force": (0.0, 0.0, 0.0)})
-    assert unpacked(result.files[0]) == text.encode()
+    assert decompress_file(result.files[0]) == text.encode()
     assert result.corrected == 0
 
 
@@ -102,7 +102,7 @@ def test_joint_targets_are_commanded_exactly():
     rows = ["j1 [rad],j2 [rad],j3 [rad],j4 [rad],j5 [rad],j6 [rad]"]
     rows += [",".join(f"{v:.15f}" for v in row) for row in joints]
     result = compensated("csv", "\n".join(rows) + "\n", bases=[], start=None)
-    program = read_program([("path.csv", unpacked(result.files[0]))])
+    program = read_program([("path.csv", decompress_file(result.files[0]))])
     commanded = program.targets.values[:, :6]
     np.testing.assert_allclose(loaded_poses(commanded), tool_poses(joints), atol=1e-9)
 
@@ -113,15 +113,15 @@ def test_loads_by_lines_and_by_points():
     by_lines = compensated("krl", text, load=None, segments=segments)
     assert by_lines.left_alone == {"no_load": 6}
     assert by_lines.corrected == 4
-    before, after = text.encode().split(b"\r\n"), unpacked(by_lines.files[0]).split(b"\r\n")
+    before, after = text.encode().split(b"\r\n"), decompress_file(by_lines.files[0]).split(b"\r\n")
     assert [i + 1 for i in range(len(before)) if before[i] != after[i]] == [9, 10, 11, 12]
     of_load = compensated("krl", text, load=segments[0])
-    assert unpacked(of_load.files[0]) == unpacked(by_lines.files[0])
+    assert decompress_file(of_load.files[0]) == decompress_file(by_lines.files[0])
     to_the_end = compensated("krl", text, load={"force": FORCE, "first_line": 9})
     assert to_the_end.left_alone == {"no_load": 2}
     table = "point,Fx [N],Fy [N],Fz [kN]\n" + "".join(f"{i},300,400,-1.4\n" for i in range(3, 7))
     by_points = compensated_with_table(text, table)
-    assert unpacked(by_points.files[0]) == unpacked(by_lines.files[0])
+    assert decompress_file(by_points.files[0]) == decompress_file(by_lines.files[0])
 
 
 def test_the_frames_of_the_controller():
@@ -147,13 +147,13 @@ def test_steps_give_the_same_program():
     text = program_text("krl", tool_poses(path(30)), 4)
     work = work_of("krl", text, ramp_length=20.0)
     whole = work.conclude(())
-    parts = [unpack(pack(work.compute(span))) for span in ((0, 7), (7, 9), (9, 30))]
+    parts = [unpack_arrays(pack_arrays(work.compute(span))) for span in ((0, 7), (7, 9), (9, 30))]
     assert work.conclude(parts) == whole
 
 
 @pytest.mark.parametrize("rest", ["\n" * 2_000, "," * 20_000])
 def test_a_table_of_loads_has_no_more_lines_and_cells_than_points_need(rest):
-    table = packed("loads.csv", f"point,Fx [N],Fy [N],Fz [N]\n1,0,0,9\n{rest}".encode())
+    table = compress_file("loads.csv", f"point,Fx [N],Fy [N],Fz [N]\n1,0,0,9\n{rest}".encode())
     asked = request("krl", program_text("krl", tool_poses(path(2)), 4), load=None, loads="loads.csv")
     robot, run = exact_run()
     request_with_table = asked.model_copy(update={"files": [*asked.files, table]})
@@ -164,8 +164,8 @@ def test_a_table_of_loads_has_no_more_lines_and_cells_than_points_need(rest):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_corrected_program_carries_its_mark_and_nothing_else_differs(kind):
     text = program_text(kind, tool_poses(path(5)), 4)
-    plain = unpacked(compensated(kind, text).files[0])
-    marked = unpacked(compensated(kind, text, mark=True).files[0])
+    plain = decompress_file(compensated(kind, text).files[0])
+    marked = decompress_file(compensated(kind, text, mark=True).files[0])
     lines, more = plain.splitlines(keepends=True), marked.splitlines(keepends=True)
     added = [line for line in more if line not in lines]
     assert [line for line in more if line not in added] == lines
@@ -175,7 +175,7 @@ def test_a_corrected_program_carries_its_mark_and_nothing_else_differs(kind):
     with pytest.raises(ProgramError, match="corrected already"):
         read_program([(PROGRAM_FILES[kind], marked)])
     still = compensated(kind, text, mark=True, load={"force": (0.0, 0.0, 0.0)})
-    assert unpacked(still.files[0]) == text.encode()
+    assert decompress_file(still.files[0]) == text.encode()
 
 
 def texts(*parts):
@@ -229,7 +229,7 @@ def test_patterns_find_what_plain_ones_find(name):
         spans = [match.span() for match in found]
         assert spans == [match.span() for match in re.finditer(plain, text)]
         if name in FORMATS:
-            numerals = Numerals.of(text, FORMATS[name].number)
+            numerals = Numerals.from_text(text, FORMATS[name].number)
             assert [*zip(numerals.starts.tolist(), numerals.ends.tolist(), strict=True)] == spans
             words = (text[start:end] for start, end in spans)
             assert numerals.values.tolist() == [int(t[2:-1], 2) if t[0] == "'" else float(t) for t in words]

@@ -12,7 +12,7 @@ from support.written_programs import moves_of, rewritten, targets_of
 
 from jointstiff.service.kinds.program.path import ProgramFrames, StatedConfigurations
 from jointstiff.service.programs.errors import ProgramError
-from jointstiff.service.programs.formats import explained, read_program
+from jointstiff.service.programs.formats import list_moves, read_program
 
 SAMPLES = Path(__file__).parent / "samples"
 PLACE = "{X 1,Y 2,Z 3,A 0,B 0,C 0}"
@@ -40,7 +40,7 @@ def krl(*lines):
 
 
 def test_a_move_is_told_with_its_target_base_and_tool():
-    found = explained(sample("cell.src", "cell.dat"), leave_alone=["SPINDLE_ON"])
+    found = list_moves(sample("cell.src", "cell.dat"), leave_alone=["SPINDLE_ON"])
     arm, base, tool = "-10.5, -92.25, 95.125, 1, 45.5, -12.75", "BASE_DATA[2]", "$Tool of line 24"
     stored = "a move to {}, a position stored in the controller"
     assert [tuple(each) for each in found] == [
@@ -56,7 +56,7 @@ def test_a_move_is_told_with_its_target_base_and_tool():
 
 
 def test_moves_behind_an_unknown_routine_are_told_with_the_reason_and_the_remedy():
-    found = explained(sample("cell.src", "cell.dat"))
+    found = list_moves(sample("cell.src", "cell.dat"))
     assert [(each.line, each.corrected) for each in found] == [
         (20, False),
         (27, True),
@@ -77,11 +77,11 @@ def test_moves_behind_an_unknown_routine_are_told_with_the_reason_and_the_remedy
 
 
 def test_moves_of_the_other_languages_are_told_alike():
-    fanuc = explained(sample("CELL.LS"))
+    fanuc = list_moves(sample("CELL.LS"))
     assert [each[:4] for each in fanuc] == [
         (line, f"P[{point}]", "UF 2", "UT 3") for line, point in ((14, 1), (15, 2), (17, 3), (18, 5))
     ]
-    assert [each[:4] for each in explained(sample("cell.mod"))] == [
+    assert [each[:4] for each in list_moves(sample("cell.mod"))] == [
         (17, "JHOME", "wobj0", "tMill"),
         (18, "P10", "wPart", "tMill"),
         (19, "P20", "wPart", "tMill"),
@@ -90,21 +90,21 @@ def test_moves_of_the_other_languages_are_told_alike():
         (30, "P10", "wPart", "tMill"),
     ]
     tcp = "active TCP of line 3"
-    assert [each[:4] for each in explained(sample("cell.script"))] == [
+    assert [each[:4] for each in list_moves(sample("cell.script"))] == [
         (10, "home", "robot base", tcp),
         (11, "Waypoint_1_p", "robot base", tcp),
         (12, "0.4031, -0.25, 0.29, 2.2214, -2.2214, 0", "robot base", tcp),
         (13, "0.05, 0.003, 0.19, 2.2214, -2.2214, 0", "part of line 7", tcp),
         (14, "0.42, -0.25, 0.29, 2.2214, -2.2214, 0", "robot base", tcp),
     ]
-    assert [each[:4] for each in explained(sample("cell.csv"))] == [
+    assert [each[:4] for each in list_moves(sample("cell.csv"))] == [
         (2, "1200.5, -300, 800.25, 0, 5.5, 180", "part", "tool"),
         (3, "1201.5, -300, 800.25, 0, 5.5, 180", "part", "tool"),
     ]
     assert all(
         each.corrected
         for file in ("CELL.LS", "cell.mod", "cell.script", "cell.csv")
-        for each in explained(sample(file))
+        for each in list_moves(sample(file))
     )
 
 
@@ -132,7 +132,7 @@ LEFT = {
         "a.src",
         krl(f"CIRC $POS_ACT,{PLACE}"),
         2,
-        "'CIRC $POS_ACT,{X 1,Y 2,Z 3,A 0,B 0,C 0}': an arc through a position stored in the controller",
+        "'CIRC $POS_ACT,{X 1,Y 2,Z 3,A 0,B 0,C 0}': the arc goes through a position stored in the controller",
         OF_KRL,
     ),
     "a position register": (
@@ -175,7 +175,7 @@ LEFT = {
         "a.csv",
         'n,x [mm],y [mm],z [mm]\n"P1,5",1,2,3\n',
         2,
-        "5 columns instead of 4",
+        "the row has 5 columns instead of 4",
         "give every row as many columns as the header",
     ),
 }  # fmt: skip
@@ -184,13 +184,13 @@ LEFT = {
 @pytest.mark.parametrize("case", LEFT)
 def test_a_move_whose_target_is_not_certain_is_left_with_line_reason_and_remedy(case):
     name, text, line, reason, remedy = LEFT[case]
-    (move,) = explained([(name, text.encode())])
+    (move,) = list_moves([(name, text.encode())])
     assert (move.line, move.reason, move.remedy, move.corrected) == (line, reason, remedy, False)
 
 
 def test_only_the_move_with_an_external_axis_away_from_zero_is_left():
     text = krl("LIN {X 1,Y 2,Z 3,A 0,B 0,C 0,E1 0}", "LIN {X 1,Y 2,Z 3,A 0,B 0,C 0,E1 5}")
-    first, second = explained([("a.src", text.encode())])
+    first, second = list_moves([("a.src", text.encode())])
     frames = ("active $BASE", "active $TOOL")
     assert first == (2, "1, 2, 3, 0, 0, 0", *frames, "", "", True)
     assert second == (3, "", *frames, AXIS, CARRY, False)
@@ -198,7 +198,7 @@ def test_only_the_move_with_an_external_axis_away_from_zero_is_left():
 
 def test_a_target_in_two_bases_is_left_at_both_of_its_moves():
     text = krl(f"P1={PLACE}", "$BASE=BASE_DATA[1]", "LIN P1", "$BASE=BASE_DATA[2]", "LIN P1")
-    found = explained([("a.src", text.encode())])
+    found = list_moves([("a.src", text.encode())])
     reason = "target 'P1' is used with another base or tool on line 4"
     remedy = "use a separate target for each base and tool: one correction cannot suit both"
     assert [(each.line, each.reason, each.remedy) for each in found] == [
@@ -207,10 +207,10 @@ def test_a_target_in_two_bases_is_left_at_both_of_its_moves():
     ]
 
 
-NOT_CNC = "programs of CNC, APT and CLS are not read"
+NOT_CNC = "programs in the formats CNC, APT and CLS cannot be read"
 ITS_LANGUAGE = "write it in the controller's own language, or as a table of targets (CSV)"
 BRACES = "braces are nested more than 16 deep; declare inner structures on their own"
-UNITS = "the columns of the targets have no units, different ones, or those of another quantity"
+UNITS = "the columns of the targets have no units, different units, or units of another quantity"
 REFUSED = {
     "G code": ("a.nc", "GOTO/1,2,3", f"'a.nc': {NOT_CNC}; {ITS_LANGUAGE}"),
     "APT": ("a.APT", "GOTO/1,2,3", f"'a.APT': {NOT_CNC}; {ITS_LANGUAGE}"),
@@ -229,7 +229,7 @@ REFUSED = {
     "a long line": (
         "a.src",
         "x" * 4097,
-        "'a.src', line 1: a line of more than 4096 characters; break it into several lines",
+        "'a.src', line 1: a line has more than 4096 characters; break it into several lines",
     ),
     "nothing": (
         "a.src",
@@ -240,12 +240,12 @@ REFUSED = {
     "a move of frames": (
         "a.mod",
         "MODULE a\nPROC main()\nPDispSet x;\nENDPROC\nENDMODULE",
-        "'a.mod', line 3: PDispSet: it moves targets or frames; omit it",
+        "'a.mod', line 3: PDispSet moves targets or frames; omit it",
     ),
     "two modules": (
         "a.mod",
         f"MODULE a\nPROC a()\nMoveL {ROB},v1,z1,t1;\nENDPROC\nENDMODULE\nMODULE N\nENDMODULE",
-        "'a.mod', line 6: a second module; send one module",
+        "'a.mod', line 6: the file contains a second module; send one module",
     ),
     "a table of two columns": (
         "a.csv",
@@ -265,7 +265,7 @@ REFUSED = {
 def test_what_is_not_understood_is_refused_with_place_reason_and_remedy(case):
     name, text, words = REFUSED[case]
     with pytest.raises(ProgramError) as refused:
-        explained([(name, text.encode())])
+        list_moves([(name, text.encode())])
     assert str(refused.value) == words
 
 
@@ -276,9 +276,9 @@ def test_a_line_of_4096_characters_is_read():
 
 def test_two_files_of_a_language_with_one_are_refused():
     with pytest.raises(ProgramError) as refused:
-        explained([("a.mod", b"MODULE a\nENDMODULE"), ("b.mod", b"MODULE a\nENDMODULE")])
+        list_moves([("a.mod", b"MODULE a\nENDMODULE"), ("b.mod", b"MODULE a\nENDMODULE")])
     remedy = "send one program; with KUKA's .src its .dat and $config.dat"
-    assert str(refused.value) == f"'b.mod': there are more files than one program has; {remedy}"
+    assert str(refused.value) == f"'b.mod': more files were sent than one program has; {remedy}"
 
 
 @pytest.mark.parametrize("statement", ["LIN {}", "P1={}", "DECL FDAT F={}", "FDAT_ACT={}", "TOOL_DATA[1]={}"])
@@ -298,11 +298,11 @@ def test_sixteen_braces_are_read_and_seventeen_are_not():
 
 QUOTED = [
     ("a.src", krl(f"LIN {PLACE}", "ASYCONT", f"LIN {PLACE}"), "'ASYCONT': the statement is unknown"),
-    ("a.src", krl(f"LIN {PLACE}", "x=1 y=2", f"LIN {PLACE}"), "'X=1 Y=2': this text is unknown"),
+    ("a.src", krl(f"LIN {PLACE}", "x=1 y=2", f"LIN {PLACE}"), "'X=1 Y=2': this text is not understood"),
     (
         "a.script",
         "movel(p[0.1,0.2,0.3,0,0,0])\nx = 1 y\nmovel(p[0.1,0.2,0.3,0,0,0])\n",
-        "'x=1 y': this text is unknown",
+        "'x=1 y': this text is not understood",
     ),
 ]  # fmt: skip
 

@@ -3,7 +3,7 @@
 import pytest
 
 from jointstiff.service.programs.errors import ProgramError
-from jointstiff.service.programs.formats import explained, read_program
+from jointstiff.service.programs.formats import list_moves, read_program
 from jointstiff.service.programs.program import ExternalAxes
 
 KRL = """DEF a()
@@ -63,7 +63,7 @@ def test_a_move_with_an_external_axis_away_from_zero_is_left_with_its_line_and_t
     assert "away from zero" in fault.reason
     assert "external_axes: carry_nothing" in fault.remedy
     assert fault.line
-    (move,) = explained([(name, text.replace("@", "500.0").encode())])
+    (move,) = list_moves([(name, text.replace("@", "500.0").encode())])
     assert not move.corrected
 
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from support.examples import examples, is_full
 from support.written_programs import moves_of, rewritten, targets_of
 
-from jointstiff.service.problems import problem_of
+from jointstiff.service.problems import problem_from_error
 from jointstiff.service.programs import columns
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import FORMATS, MARK, read_program
@@ -171,7 +171,7 @@ def test_columns_of_a_table_have_one_unit_for_each_quantity(units):
     text = f"# a remark\n{header}\n1;2;3;4;5;6\n"
     if units in OTHERS:
         fault = refusal("a.csv", text).faults[0]
-        assert (fault.line, "different ones" in fault.reason) == (2, True)
+        assert (fault.line, "different units" in fault.reason) == (2, True)
         return
     (one,) = read_program([("a.csv", text.encode("latin-1"))]).targets.notations
     found = one.length, one.angle, one.length_decimals, one.angle_decimals
@@ -216,7 +216,7 @@ EVERYWHERE = ("all bytes", "brackets", "quotes", "relative")
 def test_hostile_programs_are_refused_in_few_words(name, content):
     error = refusal(name, content)
     assert len(str(error).encode()) < 8000
-    assert len(problem_of(error).model_dump_json().encode()) < 8000
+    assert len(problem_from_error(error).model_dump_json().encode()) < 8000
 
 
 @pytest.mark.timeout(30)

@@ -3,7 +3,7 @@
 import pytest
 from support.programs import FORCE, compensated, compensated_with_table, path, tool_poses
 
-from jointstiff.service.kinds.program.work import unpacked
+from jointstiff.service.kinds.program.work import decompress_file
 from jointstiff.service.problems import FilesError
 from jointstiff.simulator.programs import program_text
 from jointstiff.solver.errors import RequestError
@@ -16,7 +16,7 @@ ONCE = "number the points from 1 to 4"
 
 def moved_lines(result):
     """Lines with other numbers than before."""
-    new = unpacked(result.files[0]).decode().split("\r\n")
+    new = decompress_file(result.files[0]).decode().split("\r\n")
     return [i for i, (a, b) in enumerate(zip(TEXT.split("\r\n"), new, strict=True), 1) if a != b]
 
 
@@ -27,7 +27,7 @@ def test_a_table_has_forces_and_moments_in_any_order_and_unit():
     header = "point,Fx [N],Mz [N.mm],Fz [kN],Fy [N],Mx [N.m],My [kN.m]"
     rows = "".join(f"{point},300,40000,-1.4,400,150,-0.08\n" for point in range(1, 5))
     of_table = compensated_with_table(TEXT, f"{header}\n{rows}")
-    assert unpacked(of_table.files[0]) == unpacked(stated.files[0])
+    assert decompress_file(of_table.files[0]) == decompress_file(stated.files[0])
     forces_alone = compensated("krl", TEXT)
     assert of_table.deflection.greatest != pytest.approx(forces_alone.deflection.greatest, rel=1e-3)
 
@@ -61,11 +61,11 @@ REFUSED = {
     ),
     "a row that is short": (
         f"{HEADER}\n1,0,0\n",
-        "loads:2: cells are missing, or out of range; give a finite number in each column",
+        "loads:2: a cell is missing, or a number is out of range; give a finite number in each column",
     ),
     "a force beyond all": (
         f"{HEADER}\n1,0,0,1.1e9\n",
-        "loads:2: cells are missing, or out of range; give a finite number in each column",
+        "loads:2: a cell is missing, or a number is out of range; give a finite number in each column",
     ),
     "point 0": (
         f"{HEADER}\n0,0,0,9\n",
@@ -103,5 +103,5 @@ def test_a_line_with_two_loads_is_refused():
     with pytest.raises(RequestError) as refused:
         compensated("krl", TEXT, load=None, segments=segments((9, 10), (7, 9)))
     assert str(refused.value) == (
-        "segments[0]: line 9 has two loads; let segments end before the next ones begin"
+        "segments[0]: line 9 has two loads; give segments of lines that do not overlap"
     )

@@ -10,7 +10,7 @@ from support.examples import examples
 from support.programs import FORCE, START, compensated, tool_poses, work_of
 
 from jointstiff.service.kinds.program.path import _WORDS
-from jointstiff.service.kinds.program.work import unpacked
+from jointstiff.service.kinds.program.work import decompress_file
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import read_program
 from jointstiff.simulator.programs import program_text
@@ -97,8 +97,8 @@ def test_krl_turn_is_rewritten_where_an_axis_crosses_zero():
     crossing = []
     for sign in (1.0, -1.0):
         result = compensated("krl", text, start=None, load={"force": tuple(sign * np.array(FORCE))})
-        crossing.append(f"T {t}}}" not in unpacked(result.files[0]).decode())
-        assert f"T {t | 1 if crossing[-1] else t}}}" in unpacked(result.files[0]).decode()
+        crossing.append(f"T {t}}}" not in decompress_file(result.files[0]).decode())
+        assert f"T {t | 1 if crossing[-1] else t}}}" in decompress_file(result.files[0]).decode()
     assert sorted(crossing) == [False, True]
 
 

@@ -10,7 +10,7 @@ import pytest
 from support.random_programs import LANGUAGES
 
 from jointstiff.service.programs.errors import ProgramError
-from jointstiff.service.programs.formats import explained
+from jointstiff.service.programs.formats import list_moves
 
 REASONS = {
     "unknown routine": "is unknown: it may move",
@@ -79,7 +79,7 @@ def test_moves_of_forty_programs_are_corrected_or_left_for_these_reasons(kind):
     for seed in range(40):
         text = language.make(Random(seed)).text  # noqa: S311
         try:
-            moves = explained([(language.name, text.encode())])
+            moves = list_moves([(language.name, text.encode())])
         except ProgramError:
             found["refused"] += 1
             continue

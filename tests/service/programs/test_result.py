@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from support.programs import FORCE, compensated, path, tool_poses
 
-from jointstiff.service.kinds.program.work import unpacked
+from jointstiff.service.kinds.program.work import decompress_file
 from jointstiff.service.problems import VerdictError
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
@@ -24,7 +24,7 @@ CORRECTED = [
 
 
 def lines_of(result):
-    return [line for line in unpacked(result.files[0]).decode().splitlines() if "LIN" in line]
+    return [line for line in decompress_file(result.files[0]).decode().splitlines() if "LIN" in line]
 
 
 def figures(spread):
@@ -75,7 +75,7 @@ def test_each_language_has_the_same_correction_in_its_own_numbers(kind):
     result = compensated(kind, text)
     line, rows = ROWS[kind]
     old = text.splitlines()
-    new = [each for each in unpacked(result.files[0]).decode().splitlines() if each not in old]
+    new = [each for each in decompress_file(result.files[0]).decode().splitlines() if each not in old]
     assert new[: len(rows)] == rows
     assert len(new) == 6 * len(rows)
     assert (result.format, result.files[0].name) == (kind, PROGRAM_FILES[kind])
@@ -176,7 +176,7 @@ def test_corrections_beyond_the_limits_are_refused_unless_that_is_accepted():
     with pytest.raises(VerdictError) as refused:
         compensated("krl", KRL, **HEAVY)
     assert str(refused.value) == (
-        "max_displacement: the verdict on a program whose corrections are held back is: do not use; follow the "
+        "max_displacement: the verdict on a program whose corrections exceed the limits is: do not use; follow the "
         "remedies of its reasons and identify again; to continue anyway, give `accept_verdict: do_not_use`"
     )
     result = compensated("krl", KRL, **HEAVY, accept_verdict="do_not_use")
@@ -191,22 +191,22 @@ def test_corrections_beyond_the_limits_are_refused_unless_that_is_accepted():
 
 UNREACHED = "the robot does not reach this target; check tool, base, `world` and `flange`"
 NO_NUMBERS = (
-    "tools: the program names 'TOOL_DATA[1]', but has no numbers for it; give the numbers: "
+    "tools: the program uses the frame 'TOOL_DATA[1]', but does not define its numbers; give the numbers: "
     "{'name': 'TOOL_DATA[1]', 'values': [...]}"
 )
-TWICE = "tools: a frame is given twice; give each frame once"
+TWICE = "tools: two frames have the same name, or two have none; give each frame only once"
 LONG = [0, 0, 500, 0, 0, 0]
 REFUSED = {
     "a load that the controller compensates": (
         {"accuracy_option": "compensates_load"},
-        "accuracy_option: the controller already compensates the load, which would be compensated twice; switch "
-        "the controller's accuracy option off, measure with it off, and give `off`",
+        "accuracy_option: the controller already compensates the deflection under load, which must not be "
+        "compensated twice; switch the controller's accuracy option off, repeat the measurement, and give `off`",
     ),
     "no tool": ({"tools": []}, NO_NUMBERS),
     "another tool": ({"tools": [{"name": "TOOL_DATA[7]", "values": LONG}]}, NO_NUMBERS),
     "seven numbers": (
         {"tools": [{"values": [0.0] * 7}]},
-        "tools[0].values: a frame has 6 numbers; give the position, then A, B, C about Z, Y', X'', in the "
+        "tools[0].values: a frame needs 6 numbers that form a pose; give the position, then A, B, C about Z, Y', X'', in the "
         "program's units",
     ),
     "a tool twice": ({"tools": [{"values": LONG}] * 2}, TWICE),
@@ -221,16 +221,16 @@ REFUSED = {
     ),
     "a load of no move": (
         {"load": None, "segments": [{"first_line": 1, "last_line": 2, "force": FORCE}]},
-        "segments: no move is under load; give lines with moves, or points of moves, for the loads",
+        "segments: no move is under load; give loads for lines that contain moves, or for points that moves visit",
     ),
     "a table that is not there": (
         {"loads": "a.csv", "load": None},
-        "loads: the table of loads was not sent; send it with the files of the program",
+        "loads: the table of loads was not sent; send the table together with the files of the program",
     ),
     "a moment without a unit": (
         {"load": {"force": [0, 0, 0], "moment": [1, 0, 0]}},
-        "units.moment: a load has a moment, whose unit is not clear when lengths are in mm; state units.moment, "
-        "one of N.m, N.mm, kN.m, kgf.m",
+        "units.moment: a load has a moment whose unit is not stated, and cannot be inferred, as lengths "
+        "are in mm; state units.moment, one of N.m, N.mm, kN.m, kgf.m",
     ),
 }  # fmt: skip
 
@@ -246,8 +246,8 @@ def test_a_request_that_cannot_be_answered_is_refused_with_its_field_and_a_remed
 UNDER_PROGRAM = {
     "no configuration": (
         {"start": None},
-        "'path.src', line 7: the arm's configuration is not stated here; give `start`: the controller's angles "
-        "near this target",
+        "'path.src', line 7: the program does not state the arm's configuration at this target; give `start`: "
+        "the controller's angles near this target",
     ),
     "a base far away": (
         {"bases": [{"values": [9e3, 0, 0, 0, 0, 0]}]},
@@ -255,7 +255,7 @@ UNDER_PROGRAM = {
     ),
     "a load that breaks the arm": (
         {"load": {"force": [0, 0, 1e9]}},
-        "'path.src', line 7: the load finds no stable balance near the unloaded posture; check the units of "
+        "'path.src', line 7: the robot has no stable equilibrium under this load near the unloaded posture; check the units of "
         "force, moment and length, or reduce the load",
     ),
 }  # fmt: skip
@@ -278,7 +278,7 @@ def test_a_target_under_two_loads_is_refused():
     with pytest.raises(ProgramError) as refused:
         compensated("krl", text, load=None, segments=[segment], tools=[], bases=[])
     assert str(refused.value) == (
-        "'path.src', line 4: 'XP1': a target is used under two loads; use a separate target for each load"
+        "'path.src', line 4: 'XP1': moves visit this target under two different loads; use a separate target for each load"
     )
 
 
@@ -302,17 +302,17 @@ def test_uncertain_moves_are_left_if_asked_and_told_in_reason_remarks_and_mark()
     result = compensated("krl", UNCERTAIN, leave_others=True, mark=True)
     own = result.assessment.reasons[0]
     assert (own.code, own.weight) == ("moves_left", "use_with_care")
-    assert own.message == "5 of 7 moves corrected, 2 left"
-    assert own.remedy == "check that the moves that are left do not need a correction"
+    assert own.message == "5 of 7 moves were corrected, 2 were left unchanged"
+    assert own.remedy == "check that the unchanged moves need no correction"
     assert (result.points, result.moves, result.moves_left, result.corrected) == (5, 7, 2, 5)
     assert result.remarks == [
         NO_MASSES,
         NO_BOUND,
         "lines 14, 15: a move to HOME, a position stored in the controller",
-        f"line 12: left: {NO_XP9}",
-        f"line 13: left: {NO_POSE}",
+        f"line 12: left unchanged: {NO_XP9}",
+        f"line 13: left unchanged: {NO_POSE}",
     ]
-    lines = unpacked(result.files[0]).decode().splitlines()
+    lines = decompress_file(result.files[0]).decode().splitlines()
     assert lines[:2] == ["&ACCESS RVP", "DEF path()"]
     assert lines[2].startswith("; Jointstiff run ")
     assert lines[2].endswith(", verdict: use with care, 5 of 7 moves corrected, 2 left")

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from jointstiff.service.programs.errors import ProgramError
-from jointstiff.service.programs.formats import explained
+from jointstiff.service.programs.formats import list_moves
 
 SAMPLES = Path(__file__).parent / "samples"
 BESIDE = {"cell.src": ["cell.dat"]}
@@ -44,7 +44,7 @@ def read(name, change):
     """Return how many moves are corrected, and those that are not by their lines in the sample."""
     text, gone = spoiled(name, change)
     beside = [(each, (SAMPLES / each).read_bytes()) for each in BESIDE.get(name, ())]
-    rows = explained([(name, text.encode("latin-1")), *beside])
+    rows = list_moves([(name, text.encode("latin-1")), *beside])
     shift = gone or 10**9
     left = {(row.line + (row.line >= shift), row.reason) for row in rows if not row.corrected}
     return sum(row.corrected for row in rows), len(rows), left

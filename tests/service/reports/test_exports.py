@@ -24,7 +24,7 @@ HOSTILE = '=HYPERLINK("http://x")--><!ENTITY & "\'<b>'
 def model_of(document):
     campaign = Campaign.model_validate_json(json.dumps(document))
     run = jointstiff.identify(campaign, campaign.run)
-    return ExportedModel.of(run, prepare_robot(campaign.robot).robot, campaign.robot.name)
+    return ExportedModel.from_run(run, prepare_robot(campaign.robot).robot, campaign.robot.name)
 
 
 @pytest.fixture(scope="module")

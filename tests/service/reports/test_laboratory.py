@@ -35,8 +35,8 @@ def written(folder, logo=None, content=b"", text='name = "Lab"\n'):
         ("/etc/passwd", b"", "not the name of a file"),
         ("..\\secret.png", b"", "not the name of a file"),
         ("..", b"", "not the name of a file"),
-        ("logo.svg", SVG, "neither PNG nor JPEG"),
-        ("logo.png", SVG, "neither PNG nor JPEG"),
+        ("logo.svg", SVG, "neither a PNG nor a JPEG picture"),
+        ("logo.png", SVG, "neither a PNG nor a JPEG picture"),
         ("logo.png", png(10, 10, 10_000_000), "exceeds 256 KiB"),
         ("logo.png", png(100_000, 100_000), "100000 × 100000 pixels"),
         ("logo.jpg", jpeg(3000, 10), "3000 × 10 pixels"),
@@ -66,5 +66,5 @@ def test_the_service_does_not_start_with_settings_it_cannot_use(tmp_path):
     path = written(tmp_path, "logo.svg", SVG)
     shown = terminal("serve", "--port", "0", "--laboratory", str(path))
     assert shown.exit_code == 2
-    assert "neither PNG nor JPEG" in shown.output
+    assert "neither a PNG nor a JPEG picture" in shown.output
     assert "SVG is refused" in shown.output

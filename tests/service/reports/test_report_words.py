@@ -129,7 +129,8 @@ def test_a_report_has_results_with_expanded_uncertainty(laboratory, pulled):
 def test_a_report_has_the_budget_of_each_joint(laboratory, pulled):
     assert_said(
         report_of(laboratory, pulled),
-        "4 Uncertainty budget Contributions to the standard uncertainty of each compliance [% of it]",
+        "4 Uncertainty budget Contributions to the standard uncertainty of each compliance "
+        "[% of the compliance]",
         "readings | B | 0.47 | 0.53 | 0.92 | 7.9 | 1.1 | 7.7 |",
         "assumed force scale | B | 1.00 | 1.0 | 1.00 | 1.0 | 1.0 | 1.0 |",
         "assumed load point | B | 0.40 | 0.30 | 1.1 | 3.0 | 2.7 | 19 |",

@@ -30,19 +30,19 @@ from jointstiff.schemas.run import Campaign, JointResult, Run
 from jointstiff.service import reports as service_reports
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.kinds.map.kind import area
-from jointstiff.service.reports.certificate import NAMESPACES, certificate
+from jointstiff.service.reports.certificate import NAMESPACES, build_certificate
 from jointstiff.service.reports.exports import ExportedModel, write_joints_csv
 from jointstiff.service.reports.laboratory import LaboratorySettings
 from jointstiff.service.reports.pictures import draw_arm, draw_bars, draw_intervals
-from jointstiff.service.reports.plots import figure_of
-from jointstiff.service.reports.rendering import report_page, report_pdf
+from jointstiff.service.reports.plots import draw_figure
+from jointstiff.service.reports.rendering import render_html, render_pdf
 from jointstiff.service.reports.run import (
     ITEMS,
     RunSubject,
     build_results_section,
+    build_run_report,
     build_uncertainty_section,
-    predicted_compliance,
-    run_document,
+    predict_flange_compliance,
 )
 from jointstiff.service.tables.table import Area, Chart, Sheet
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -91,7 +91,7 @@ def run(campaign):
 
 def subject_of(campaign, run, laboratory=LABORATORY, **changes):
     readings = campaign.measurement_set.model_copy(update=changes)
-    model = ExportedModel.of(run, prepare_robot(campaign.robot).robot, campaign.robot.name)
+    model = ExportedModel.from_run(run, prepare_robot(campaign.robot).robot, campaign.robot.name)
     return RunSubject(model, readings, LaboratorySettings(laboratory))
 
 
@@ -107,7 +107,7 @@ def pages_of(content):
 
 @pytest.fixture(scope="module")
 def signed(subject):
-    return report_pdf(run_document(subject))
+    return render_pdf(build_run_report(subject))
 
 
 STATED = {
@@ -171,8 +171,8 @@ def test_a_run_that_is_not_to_be_used_predicts_nothing(subject, campaign, run):
     refuted = run.result.assessment.model_copy(update={"verdict": "do_not_use", "reasons": [reason]})
     result = run.result.model_copy(update={"assessment": refuted})
     other = subject_of(campaign, run.model_copy(update={"result": result}))
-    assert len(predicted_compliance(subject)) == 3
-    assert predicted_compliance(other) == []
+    assert len(predict_flange_compliance(subject)) == 3
+    assert predict_flange_compliance(other) == []
 
 
 def test_the_room_is_no_condition_of_the_item(signed):
@@ -197,7 +197,7 @@ def test_a_large_run_is_attached_without_its_residuals(subject, run, monkeypatch
 
 
 def test_a_report_has_lines_to_sign_and_no_state(subject, signed):
-    page = report_page(run_document(subject)).decode()
+    page = render_html(build_run_report(subject)).decode()
     last = pages_of(signed)[-1]
     for line in ("Date of receipt of the item", "Date of issue", "Place and date", "Name and signature"):
         assert f"<p>{line}</p>" in page
@@ -220,11 +220,11 @@ def test_two_processes_give_the_same_bytes(document, run, tmp_path):
 def test_hostile_text_is_shown_as_text(campaign, run):
     names = {"operator": HOSTILE, "instrument": HOSTILE, "notes": f"{HOSTILE}\n{HOSTILE}"}
     laboratory = LABORATORY.model_copy(update={"name": HOSTILE, "traceability": HOSTILE})
-    report = run_document(subject_of(campaign, run, laboratory, **names))
-    text = " ".join(pages_of(report_pdf(report)))
+    report = build_run_report(subject_of(campaign, run, laboratory, **names))
+    text = " ".join(pages_of(render_pdf(report)))
     assert '#read("/etc/passwd") =1+1 </script><img src=x onerror=alert(1)> $x$ *b* @preview/cetz' in text
     assert "‹‹U+4E2D›‹U+6587››" in text  # the fonts of Typst lack these
-    page = report_page(report).decode()
+    page = render_html(report).decode()
     assert "<script" not in page
     assert "<img" not in page
     assert "&lt;img src=x onerror=alert(1)&gt; $x$ *b* @preview/cetz ‹中文›" in page
@@ -238,7 +238,7 @@ def test_the_template_reads_no_file_and_no_package():
 
 
 def test_the_page_loads_nothing_and_has_no_scripts(subject, run):
-    page = report_page(run_document(subject)).decode()
+    page = render_html(build_run_report(subject)).decode()
     assert "<script" not in page
     assert "href" not in page
     assert "src=" not in page
@@ -257,7 +257,7 @@ def test_noise_is_stated_with_each_reading_or_estimated(campaign, run, by_readin
         for each in campaign.measurement_set.observations
     ]
     subject = subject_of(campaign, run, noise=None, observations=observations)
-    assert said in repr(run_document(subject))
+    assert said in repr(build_run_report(subject))
 
 
 ABROAD = Laboratory(
@@ -277,7 +277,7 @@ def certified():
     document = simulate_campaign(default_arm(), load="dead_weight", configurations=12, seed=2)
     document["measurement_set"] |= MEASURED
     run = js.identify(document)
-    model = ExportedModel.of(run, prepare_robot(run.campaign.robot).robot, "cell <3>")
+    model = ExportedModel.from_run(run, prepare_robot(run.campaign.robot).robot, "cell <3>")
     return RunSubject(model, run.campaign.measurement_set, LaboratorySettings(ABROAD))
 
 
@@ -295,7 +295,7 @@ def texts(element, path):
 
 @pytest.fixture(scope="module")
 def root(certified):
-    return read(certificate(certified))
+    return read(build_certificate(certified))
 
 
 def test_customer_and_serial_number_are_optional(root, certified):
@@ -305,7 +305,7 @@ def test_customer_and_serial_number_are_optional(root, certified):
     laboratory = ABROAD.model_copy(update={"customer": Party(name="Arms Inc.", address=["2 Side Street"])})
     readings = certified.readings.model_copy(update={"serial_number": "SN-4711"})
     stated = replace(certified, readings=readings, settings=LaboratorySettings(laboratory))
-    full = read(certificate(stated))
+    full = read(build_certificate(stated))
     assert texts(full, ".//dcc:customer/dcc:name/dcc:content") == ["Arms Inc."]
     assert texts(full, ".//dcc:item//dcc:identification/dcc:value") == ["SN-4711"]
     assert texts(full, ".//dcc:uniqueIdentifier") == [certified.model.run.id]
@@ -352,7 +352,7 @@ def test_the_compliance_of_the_flange_is_called_predicted_and_is_that_of_the_spr
     values, lengths = quantities[:, :3], quantities[:, 3]
     np.testing.assert_allclose(lengths, np.linalg.norm(values, axis=1), rtol=1e-12)
     assert all(text.startswith("Length of the predicted") for text in quantity_names[3::4])
-    budgets = [case.budget for case in predicted_compliance(certified) if case.displacement is not None]
+    budgets = [case.budget for case in predict_flange_compliance(certified) if case.displacement is not None]
     stated = [float(text) for text in texts(result, ".//si:valueExpandedMU")]
     np.testing.assert_allclose(stated, [each.expanded_with_model_error / 100.0 for each in budgets])
     forces = [text.split()[-1] for text in quantity_names[::4]]
@@ -365,9 +365,9 @@ def test_a_run_by_own_weight_states_its_uncertainty_by_the_interval():
     document = unloaded_campaign(default_arm(), configurations=30, seed=1)
     document["measurement_set"] |= MEASURED
     run = js.identify(document)
-    model = ExportedModel.of(run, prepare_robot(run.campaign.robot).robot, "cell")
+    model = ExportedModel.from_run(run, prepare_robot(run.campaign.robot).robot, "cell")
     certified = RunSubject(model, run.campaign.measurement_set, LaboratorySettings(ABROAD))
-    results = read(certificate(certified)).findall(".//dcc:result", NAMESPACES)
+    results = read(build_certificate(certified)).findall(".//dcc:result", NAMESPACES)
     assert run.result.budget is None
     known = [
         (result, joint)
@@ -403,7 +403,7 @@ def test_what_every_certificate_states_is_not_guessed(certified, laboratory, mea
     if not measured_at:
         readings = readings.model_copy(update={"measured_at": None})
     with pytest.raises(RequestError) as refused:
-        certificate(replace(certified, readings=readings, settings=LaboratorySettings(laboratory)))
+        build_certificate(replace(certified, readings=readings, settings=LaboratorySettings(laboratory)))
     assert refused.value.where == where
     assert refused.value.remedy
 
@@ -421,7 +421,7 @@ def test_days_are_those_of_utc_or_of_the_laboratory(certified, measured_at, ende
     at = datetime.fromisoformat(measured_at).astimezone(UTC)
     readings = certified.readings.model_copy(update={"measured_at": at})
     settings = LaboratorySettings(ABROAD.model_copy(update={"ended_on": ended_on}))
-    core = read(certificate(replace(certified, readings=readings, settings=settings)))
+    core = read(build_certificate(replace(certified, readings=readings, settings=settings)))
     assert [*texts(core, ".//dcc:beginPerformanceDate"), *texts(core, ".//dcc:endPerformanceDate")] == days
 
 
@@ -438,7 +438,7 @@ def test_only_texts_of_this_program_have_its_language(certified):
     laboratory = ABROAD.model_copy(update=own)
     readings = certified.readings.model_copy(update={"conditions": None})
     settings = LaboratorySettings(laboratory)
-    root = read(certificate(replace(certified, readings=readings, settings=settings)))
+    root = read(build_certificate(replace(certified, readings=readings, settings=settings)))
     assert texts(root, ".//dcc:usedLangCodeISO639_1") == ["en", "de"]
     contents = [(each.text, each.get("lang")) for each in root.iter(f"{{{NAMESPACES['dcc']}}}content")]
     foreign = (
@@ -461,7 +461,7 @@ def test_only_texts_of_this_program_have_its_language(certified):
 def test_hostile_names_are_text(certified):
     hostile = "]]><a>\x00\x1b[31m\ud800 &amp;"
     readings = certified.readings.model_copy(update={"instrument": hostile})
-    root = read(certificate(replace(certified, readings=readings)))
+    root = read(build_certificate(replace(certified, readings=readings)))
     assert texts(root, ".//dcc:measuringEquipment/dcc:name/dcc:content") == ["]]><a>  [31m  &amp;"]
 
 
@@ -469,7 +469,7 @@ def test_hostile_names_are_text(certified):
 def test_the_schema_accepts_it(certified):
     xmlschema = pytest.importorskip("xmlschema")
     schema = xmlschema.XMLSchema(os.environ["DCC_XSD"])
-    assert [str(error) for error in schema.iter_errors(certificate(certified).decode())] == []
+    assert [str(error) for error in schema.iter_errors(build_certificate(certified).decode())] == []
 
 
 def test_a_service_and_this_process_answer_with_a_certificate(local, certified, tmp_path):
@@ -542,7 +542,7 @@ def test_places_without_a_number_are_crosses_in_a_map():
     mpl.use("Agg")
     values = [1e-3, math.nan, 3e-3, math.nan, 5e-3]
     area = Area("deflection", range(5), [2.0] * 5, values, ("x", "y", "mm"), 1e3)
-    axis = figure_of("map", (), (area,)).axes[0]
+    axis = draw_figure("map", (), (area,)).axes[0]
     dots, crosses = axis.collections
     assert dots.get_offsets()[:, 0].tolist() == [0.0, 2.0, 4.0]
     assert dots.get_array().tolist() == pytest.approx([1.0, 3.0, 5.0])
@@ -614,7 +614,7 @@ def test_bars_have_the_heights_of_their_numbers_on_the_axis(greatest):
 def test_bars_of_a_plot_stand_around_their_place_from_left_to_right():
     mpl.use("Agg")
     series = {"one": [1.0, 2.0], "two": [3.0, 4.0], "three": [5.0, 6.0]}
-    axis = figure_of("bars", (Chart("t", ["a", "b"], series, 2.0, "mm"),)).axes[0]
+    axis = draw_figure("bars", (Chart("t", ["a", "b"], series, 2.0, "mm"),)).axes[0]
     assert [each.get_text() for each in axis.get_xticklabels()] == ["a", "b"]
     middles = [[bar.get_x() + bar.get_width() / 2 for bar in group] for group in axis.containers]
     assert [[bar.get_height() for bar in group] for group in axis.containers] == [[2, 4], [6, 8], [10, 12]]

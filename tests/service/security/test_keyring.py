@@ -19,15 +19,15 @@ from jointstiff.service.api.health import Watch
 from jointstiff.service.problems import KeyRefusedError, NotFoundError
 from jointstiff.service.security import access
 from jointstiff.service.security.access import FORGIVEN, network_of
-from jointstiff.service.security.admission import Posture
+from jointstiff.service.security.admission import AccessPolicy
 from jointstiff.service.security.keys import (
     Keyring,
     KeysFile,
     KeysFileError,
     digest,
+    hide_secrets,
     mint,
     parse_key_id,
-    without_keys,
 )
 from jointstiff.service.store.access import FORGET, MOST_WRONG, WrongKeys
 from jointstiff.service.store.database import Database
@@ -79,7 +79,7 @@ def test_what_is_no_key_is_refused(text):
 
 def test_keys_are_taken_out_of_texts():
     text = f"/v1/keys/{KEYS[0].text}/x?link=jsl_{'a' * 43}"
-    assert without_keys(text) == "/v1/keys/jst_…/x?link=jsl_…"
+    assert hide_secrets(text) == "/v1/keys/jst_…/x?link=jsl_…"
 
 
 def ring(store, *records):
@@ -121,8 +121,8 @@ def test_the_right_id_with_another_secret_is_wrong():
 def test_last_uses_only_grow(database_url):
     with Store.open(database_url) as store:
         store.keys.add(KEYS[0].record)
-        store.keys.used(KEYS[0].record.id, NOW)
-        store.keys.used(KEYS[0].record.id, NOW - timedelta(hours=1))
+        store.keys.mark_used(KEYS[0].record.id, NOW)
+        store.keys.mark_used(KEYS[0].record.id, NOW - timedelta(hours=1))
         assert [key.last_used_at for key in store.keys.all()] == [NOW]
 
 
@@ -136,7 +136,7 @@ def test_a_file_has_hashes_and_its_keys_count_before_those_of_the_database(tmp_p
     with Store.open("sqlite://") as store:
         keyring = Keyring(store, path)
         keyring.look()
-        assert [key.source for key in keyring.listing()] == ["file", "file"]
+        assert [key.source for key in keyring.list_keys()] == ["file", "file"]
         assert keyring.check(KEYS[0].text).id == KEYS[0].record.id
         file.revoke(KEYS[0].record.id, NOW)
         keyring.look()
@@ -203,7 +203,7 @@ def test_services_that_count_at_once_count_each_wrong_key(database_url):
 
 def test_services_of_one_database_share_the_throttle(database_url, monkeypatch):
     monkeypatch.setattr(access, "SLOW_SECONDS", 0.0)
-    posture = Posture.of("127.0.0.1", (), access_control=True, require_key=True)
+    posture = AccessPolicy.from_address("127.0.0.1", (), access_control=True, require_key=True)
     wrong = {"Authorization": f"Bearer {mint('stranger', 'admin', NOW, None).text}"}
     with Store.open(database_url) as first, Store.open(database_url) as second:
         first.keys.add(KEYS[0][1])

@@ -184,18 +184,18 @@ def test_a_robot_shows_its_last_campaign_until_runs_or_sets_change(store):
     for number, change in enumerate(changes):
         change()
         assert not entry().is_current, number
-        assert [due.id for due in store.robots.due(9)] == ["r1"]
+        assert [due.id for due in store.robots.list_outdated(9)] == ["r1"]
         before = entry()
-        store.robots.derive(before, {"number": number})
+        store.robots.store_last_campaign(before, {"number": number})
         assert (entry().is_current, entry().campaign) == (True, {"number": number})
-        assert store.robots.due(9) == []
+        assert store.robots.list_outdated(9) == []
     add_run(store, "u2", trend=TREND)
     slow = entry()
     add_run(store, "u3", trend=TREND)
-    store.robots.derive(slow, {"of": "u2"})
+    store.robots.store_last_campaign(slow, {"of": "u2"})
     assert not entry().is_current, "another run came after it was derived"
-    store.robots.derive(entry(), {"of": "u3"})
-    store.robots.derive(slow, {"of": "u2"})
+    store.robots.store_last_campaign(entry(), {"of": "u3"})
+    store.robots.store_last_campaign(slow, {"of": "u2"})
     assert (entry().is_current, entry().campaign) == (True, {"of": "u3"}), "one that is late changes nothing"
 
 
@@ -254,8 +254,8 @@ def plans(path: Path) -> list[str]:
         with statements(store) as noted:
             list_everything(store)
             store.runs_with_numbers("r1", 9)
-            store.sets_of("r1")
-            store.robots.due(9)
+            store.sets_of_robot("r1")
+            store.robots.list_outdated(9)
         with store._database.reading() as connection:
             return [
                 "\n".join(

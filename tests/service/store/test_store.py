@@ -228,7 +228,7 @@ def test_a_session_ends_idle_and_for_good(store):
     at = NOW
     while at < NOW + SESSION_LONGEST:
         assert store.sessions.find(SESSION.token_hash, at) is not None
-        store.sessions.used(SESSION.token_hash, at)
+        store.sessions.mark_used(SESSION.token_hash, at)
         at += SESSION_IDLE / 2
     assert store.sessions.find(SESSION.token_hash, NOW + SESSION_LONGEST) is None
 
@@ -286,7 +286,7 @@ def test_the_audit_is_listed_newest_first(store):
 
 
 def test_no_method_changes_or_removes_an_entry(store):
-    assert {name for name in dir(store.audit) if not name.startswith("_")} == {"add", "of", "page"}
+    assert {name for name in dir(store.audit) if not name.startswith("_")} == {"add", "find", "page"}
 
 
 def test_a_size_is_asked_again_after_a_second(monkeypatch):
@@ -350,7 +350,7 @@ def test_a_job_and_its_part_are_stored_together_or_not_at_all(store, claims, fai
 def test_a_part_is_left_once_however_often(runs, store, claims):
     run = runs.create(run_request(stored_set(store)), None)
     for _ in range(2):
-        claims.leave(run.id, [Part(run.id, 1, 0), Part(run.id, 2, 0)])
+        claims.add_following_parts(run.id, [Part(run.id, 1, 0), Part(run.id, 2, 0)])
     assert len(claims.waiting()) == 3
 
 
@@ -490,7 +490,7 @@ def test_what_each_look_of_a_worker_reads_is_found_by_an_index(store):
         engine = connection.engine
     sa.event.listen(engine, "before_cursor_execute", show)
     store.open_jobs([kind.name for kind in KINDS])
-    store.going_on(["a", "b"])
+    store.unfinished_among(["a", "b"])
     assert len(plans) == 2
     for plan in plans:
         text = "\n".join(map(str, plan))

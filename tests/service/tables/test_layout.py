@@ -4,14 +4,14 @@ import pytest
 from rich.console import Console
 
 from jointstiff.service.tables.table import Column, Table
-from jointstiff.service.tables.terminal import printed
+from jointstiff.service.tables.terminal import lay_out_parts
 
 
 def lines_of(count, **named):
     """Lines of a table of joints and some columns of numbers, in a terminal of 40 characters."""
     numbers = [Column(f"u {i} [mm]", [0.5 * i, None]) for i in range(count)]
     console = Console(width=40, record=True)
-    console.print(printed([Table([Column("joint", ["a", "b"], text=True), *numbers], **named)]))
+    console.print(lay_out_parts([Table([Column("joint", ["a", "b"], text=True), *numbers], **named)]))
     return [line.rstrip() for line in console.export_text().splitlines()]
 
 

@@ -20,15 +20,21 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Campaign, JointResult
 from jointstiff.service.cli.app import app
 from jointstiff.service.cli.options import Units
-from jointstiff.service.kinds.comparison.kind import _by_interval
-from jointstiff.service.kinds.comparison.kind import _interval as interval_text
+from jointstiff.service.kinds.comparison.kind import _interval_text as interval_text
+from jointstiff.service.kinds.comparison.kind import _ratio_text
 from jointstiff.service.kinds.run.kind import RUN
 from jointstiff.service.reports.exports import explain_missing_stiffness
-from jointstiff.service.reports.job import job_report
+from jointstiff.service.reports.job import lay_out_job
 from jointstiff.service.tables import terminal
-from jointstiff.service.tables.report import requested
+from jointstiff.service.tables.report import list_request_fields
 from jointstiff.service.tables.stiffness import UNITS
-from jointstiff.service.tables.table import Sheet, concise, number, rounded, text_table
+from jointstiff.service.tables.table import (
+    Sheet,
+    format_concise,
+    format_rounded,
+    number_formatter,
+    text_table,
+)
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.text import figure
 
@@ -54,7 +60,7 @@ def test_the_terminal_offers_the_units_of_the_reports():
 
 def test_compliances_as_a_unit(document):
     run = identified(document)
-    text = printed(job_report(RUN, run, unit="urad/Nm"))
+    text = printed(lay_out_job(RUN, run, unit="urad/Nm"))
     joint = run.result.joints[1]
     row = next(line for line in text.splitlines() if line.startswith("│ joint_2")).replace("joint_2", "")
     value, uncertainty, low, high = map(float, re.findall(r"(?<![_\d])\d+(?:\.\d+)?", row))
@@ -73,7 +79,7 @@ def test_at_most_three_things_to_do_and_nothing_twice(document):
         observation["readings"][0]["loaded"][0] += 3e-3
     bumped = identified(wrong)
     assert len(bumped.result.warnings) > 3
-    text = printed(job_report(RUN, bumped))
+    text = printed(lay_out_job(RUN, bumped))
     to_do = text.split("To do\n")[1].splitlines()
     assert 0 < len(to_do) <= 3
     assert text.startswith("Do not use") or text.startswith("Use with care")
@@ -98,7 +104,7 @@ def test_at_most_three_things_to_do_and_nothing_twice(document):
 def test_intervals_without_a_number_are_open(unit, ends, shown):
     """The ends in the unit itself, a stiffness without a limit where the compliance may be zero."""
     kind = UNITS[unit]
-    text = kind.bare_interval(ends)
+    text = kind.format_compliance_interval(ends)
     if not shown:
         assert text == "—"
         return
@@ -122,7 +128,7 @@ def test_shares_of_the_budget_are_those_of_the_result(document):
     sizes = {joint.name: joint.compliance for joint in found.result.joints}
     lines = re.findall(
         r"uncertainty from .*?: ([\d.e-]+)(?: to ([\d.e-]+))? %",
-        printed(job_report(RUN, found, details=True)),
+        printed(lay_out_job(RUN, found, details=True)),
     )
     assert len(lines) == len(budget.components) > 2
     for part, ends in zip(budget.components, lines, strict=True):
@@ -137,14 +143,14 @@ def test_a_ratio_has_two_digits_of_half_its_interval(half):
     ratio = 12.3456789
     joint = JointRatio(name="a", ratio=ratio, ratio_interval=(ratio - half, ratio + half))
     for text, value in (
-        (_by_interval(ratio, joint), ratio),
+        (_ratio_text(ratio, joint), ratio),
         (interval_text(joint).split(" … ")[1], ratio + half),
     ):
         last = 10.0 ** -len(text.partition(".")[2])
         assert 0.01 * half < last <= 0.1 * half
         assert abs(float(text) - value) <= 0.5001 * last
     open_above = JointRatio(name="a", ratio=ratio, ratio_interval=(ratio, None))
-    assert _by_interval(ratio, open_above) == "12.3"
+    assert _ratio_text(ratio, open_above) == "12.3"
     assert interval_text(open_above).endswith("no limit")
 
 
@@ -223,23 +229,26 @@ POSE = {"joints": [10.0, -20.0], "targets": {"P10": (1500.25, 0.0, -0.0)}}
     ],
 )
 def test_numbers_have_one_format(value, form, text):
-    assert figure(value, form) == number(form)(value) == text
+    assert figure(value, form) == number_formatter(form)(value) == text
 
 
 def test_a_number_has_two_digits_of_its_uncertainty():
-    assert concise(0.26951, 0.0213) == "0.270(21)"
-    assert concise(12.346, 1.0) == "12.3(1.0)"
-    assert concise(1.2e-9, 2e-12) == "0.000000001(0)"
-    assert concise(1234.56, float("inf")) == concise(1234.56, None) == "1235"
-    assert (rounded(-0.0004, 0.02), rounded(12345.6, 321.0)) == ("0.000", "12350")
-    assert rounded(None) == "—"
+    assert format_concise(0.26951, 0.0213) == "0.270(21)"
+    assert format_concise(12.346, 1.0) == "12.3(1.0)"
+    assert format_concise(1.2e-9, 2e-12) == "0.000000001(0)"
+    assert format_concise(1234.56, float("inf")) == format_concise(1234.56, None) == "1235"
+    assert (format_rounded(-0.0004, 0.02), format_rounded(12345.6, 321.0)) == ("0.000", "12350")
+    assert format_rounded(None) == "—"
 
 
 def test_long_readings_are_counted_and_hashed():
     request = GeometryRequest.model_validate(sweeps("mm", 100))
     observations = json.dumps([POSE] * 100, separators=(",", ":"))
     digest = hashlib.sha256(observations.encode()).hexdigest()
-    assert dict(requested(request))["Sweeps"] == f"joint joint_1, observations 100 entries, SHA-256 {digest}"
+    assert (
+        dict(list_request_fields(request))["Sweeps"]
+        == f"joint joint_1, observations 100 entries, SHA-256 {digest}"
+    )
 
 
 class Part(Message):
@@ -265,7 +274,7 @@ COLUMNS = {"label": "name", "force {x y}": "force", "{x y} from {low high}": "pa
 
 
 def test_components_have_columns_and_units_come_from_fields():
-    assert Sheet.of_fields(ROWS, COLUMNS, {"m": (1e3, "mm")}).columns == {
+    assert Sheet.from_messages(ROWS, COLUMNS, {"m": (1e3, "mm")}).columns == {
         "label": ["a", "b"],
         "force x [N]": [1.0, None],
         "force y [N]": [2.0, None],
@@ -275,8 +284,8 @@ def test_components_have_columns_and_units_come_from_fields():
         "y from high [mm]": [400.0, None],
         "notes": ["one; two", None],
     }
-    assert "x from low [m]" in Sheet.of_fields(ROWS, COLUMNS).columns
-    assert Sheet.of_fields([], COLUMNS).columns == {}
+    assert "x from low [m]" in Sheet.from_messages(ROWS, COLUMNS).columns
+    assert Sheet.from_messages([], COLUMNS).columns == {}
 
 
 @pytest.mark.parametrize("unit", sorted(UNITS))
@@ -306,4 +315,4 @@ def test_a_lower_limit_is_shown_but_of_a_result_that_is_not_to_be_used(unit, kin
 def test_a_column_without_a_name_and_without_a_cell_is_printed():
     """As of a trend in which no joint changed yet."""
     table = text_table(["joint", "", "p-value"], [["joint_1", "", "0.3"]], texts=[0, 1])
-    assert "joint_1" in printed(terminal.printed([table]))
+    assert "joint_1" in printed(terminal.lay_out_parts([table]))

@@ -98,7 +98,7 @@ def test_each_part_is_claimed_by_one_worker_and_the_one_that_finds_all_results_e
     parts = [claims.claim("a")]
     assert claims.claim("b") is None, "a run begins with its first part"
     runs.mark_running(run.id)
-    claims.leave(run.id, [Part(run.id, number, 0) for number in (1, 2)])
+    claims.add_following_parts(run.id, [Part(run.id, number, 0) for number in (1, 2)])
     parts += [claims.claim(name) for name in "bc"]
     assert [part.number for part in parts] == [0, 1, 2]
     assert claims.claim("d") is None

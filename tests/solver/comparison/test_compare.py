@@ -61,7 +61,7 @@ class Campaign:
             free = identify(self.robot, self.measurements, without)
         values = [np.nan if joint.compliance is None else joint.compliance for joint in free.joints]
         common = np.zeros((len(values), 0)) if free.common is None else free.common.responses
-        assumed = common[:, :0] if free.common is None else free.common.of("assumed_load_point")
+        assumed = common[:, :0] if free.common is None else free.common.responses_to("assumed_load_point")
         return Side(
             self.robot,
             self.measurements,

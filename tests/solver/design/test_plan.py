@@ -36,10 +36,10 @@ from jointstiff.solver.design.optimum import (
     EOptimality,
     GOptimality,
     compute_uncertainties,
-    optimise,
+    optimise_design,
     optimise_weights,
 )
-from jointstiff.solver.design.plan import Distinct, advise, find_exact_design, plan_campaign
+from jointstiff.solver.design.plan import Distinct, advise_next_readings, find_exact_design, plan_campaign
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
@@ -84,7 +84,9 @@ class TestPromise:
         """The estimates scatter as promised, within the sampling error."""
         plan = plan_campaign(robot, request_of(equipment()))
         rng = np.random.default_rng(0)
-        settings = Settings.of(RunOptions(positive=False, complementary_stiffness="included"), robot)
+        settings = Settings.from_options(
+            RunOptions(positive=False, complementary_stiffness="included"), robot
+        )
         readings = (read(plan, rng.standard_normal((2, 12, 3, 3))) for _ in range(draws))
         found = [identify(robot, each, settings) for each in readings]
         promised = plan.uncertainty * ARM.compliances
@@ -159,7 +161,7 @@ class TestPromise:
     def test_the_links_that_the_work_area_sees_are_kept(self, robot):
         """All but a hundredth of what links of 30 % of the joints' deflection do there, not the first few."""
         request = request_of(equipment(), criterion="work_area", work_area=AREA, candidates=120, links=True)
-        pool = Pool.of(robot, request)
+        pool = Pool.from_request(robot, request)
         variance = np.diagonal(pool.places, axis1=1, axis2=2).mean(axis=0)
         by_joints, by_links = variance[:N].sum(), variance[N:]
         assert by_links.sum() / by_joints == pytest.approx(0.09 * 0.99, rel=0.02)
@@ -173,7 +175,7 @@ def advised(document, **options):
     """Robot, measurements, the estimate and the advice."""
     robot, measurements = prepare(document)
     found = estimate(robot, measurements, **options)
-    return robot, measurements, found, advise(robot, measurements, found)
+    return robot, measurements, found, advise_next_readings(robot, measurements, found)
 
 
 @examples(100)
@@ -215,8 +217,10 @@ class TestAdvice:
             for place in (0.0, 0.01)
         )
         found = estimate(robot, unsure)
-        assert "joint_6" in {piece.joint for piece in advise(robot, sure, estimate(robot, sure))}
-        pieces = advise(robot, unsure, found)
+        assert "joint_6" in {
+            piece.joint for piece in advise_next_readings(robot, sure, estimate(robot, sure))
+        }
+        pieces = advise_next_readings(robot, unsure, found)
         assert {piece.joint for piece in pieces} == {"joint_4"}
         for piece in pieces:
             after = estimate(robot, follow(robot, unsure, piece))
@@ -293,7 +297,7 @@ class TestCertificate:
     @every_criterion
     def test_no_random_weights_beat_the_bound(self, criterion):
         rows = random_rows(5, 40)
-        design = optimise(problem_of(rows, criterion, base=0.1))
+        design = optimise_design(problem_of(rows, criterion, base=0.1))
         best = criterion.information(design.matrix)
         assert design.bound.efficiency > 1 - 1e-5
         rng, K = np.random.default_rng(0), information(rows)
@@ -308,7 +312,7 @@ class TestCertificate:
         """Exhaustive search over C(14, 8) finds the same list, and nothing above the bound."""
         rows = random_rows(seed, 14)
         problem = problem_of(rows, criterion, 8)
-        exact = find_exact_design(problem, optimise(problem), Distinct(np.arange(14.0)[:, None], 0.5))
+        exact = find_exact_design(problem, optimise_design(problem), Distinct(np.arange(14.0)[:, None], 0.5))
         K = information(rows)
         best = max(
             criterion.information(K[list(c)].sum(axis=0)) for c in itertools.combinations(range(14), 8)
@@ -324,7 +328,7 @@ class TestCertificate:
     def test_no_exchange_of_one_reading_improves_the_list(self, criterion, seed):
         rows = random_rows(seed, 60)
         problem = problem_of(rows, criterion, 8)
-        exact = find_exact_design(problem, optimise(problem), Distinct(np.arange(60.0)[:, None], 0.5))
+        exact = find_exact_design(problem, optimise_design(problem), Distinct(np.arange(60.0)[:, None], 0.5))
         K, chosen = information(rows), set(exact.atoms.index.tolist())
         reached = [
             criterion.information(exact.matrix - K[i] + K[j]) for i in chosen for j in set(range(60)) - chosen
@@ -349,9 +353,9 @@ def test_the_bound_of_a_mean_price_is_that_of_distinct_postures(count):
 def test_as_many_readings_are_planned_as_a_goal_needs_at_least(monkeypatch, least, validation, fall):
     """Uncertainties fall a little faster or slower than with the root; readings held out come on top."""
     monkeypatch.setattr(plan, "DesignProblem", lambda _, __, fitted, ___: fitted)
-    monkeypatch.setattr(plan, "optimise", lambda *_: None)
+    monkeypatch.setattr(plan, "optimise_design", lambda *_: None)
     monkeypatch.setattr(plan, "find_exact_design", lambda fitted, *_, **__: SimpleNamespace(matrix=fitted))
-    monkeypatch.setattr(plan, "goal_share", lambda _, __, fitted: (least / fitted) ** fall)
+    monkeypatch.setattr(plan, "compute_goal_share", lambda _, __, fitted: (least / fitted) ** fall)
     request = request_of(equipment(), goal=JointsGoal(kind="joints", relative=0.1), validation=validation)
     pool = SimpleNamespace(parameters=SimpleNamespace(joints=range(6)), candidates=None, base=None)
     enough = [n for n in range(1, 300) if n - round(validation * n) >= least]
@@ -379,7 +383,7 @@ def test_the_bound_holds_for_directions_that_nobody_tried():
     rows = np.random.default_rng(6).standard_normal((30, 3, 3, P))
     criterion, n = AOptimality(np.eye(P)), 8
     problem = problem_of(rows, criterion, n)
-    design = optimise(problem)
+    design = optimise_design(problem)
     exact = find_exact_design(problem, design, Distinct(np.zeros((30, 1)), 0.0))
     assert design.bound.efficiency > 1 - 1e-5
     assert exact.efficiency > 0.9
@@ -400,14 +404,16 @@ def test_one_that_alone_excites_a_parameter_is_found(count, criterion):
     rows = random_rows(1, count)
     rows[:, :, 3] = 0.0
     rows[7, 0, 3] = 1.0
-    design = optimise(problem_of(rows, criterion))
+    design = optimise_design(problem_of(rows, criterion))
     assert 7 in design.atoms.index
     assert design.bound.efficiency > 1 - 1e-5
 
 
 def best(rows, criterion):
     """Optimal weights of one reading whose candidates have these rows (N, m, p)."""
-    return optimise(DesignProblem(Candidates.from_rows(rows), criterion, 1, np.zeros((rows.shape[-1],) * 2)))
+    return optimise_design(
+        DesignProblem(Candidates.from_rows(rows), criterion, 1, np.zeros((rows.shape[-1],) * 2))
+    )
 
 
 def assert_weights(design, rows, expected, tolerance):
@@ -451,7 +457,7 @@ def test_a_matrix_that_is_positive_definite_by_rounding_informs_of_nothing(rank)
 def test_a_parameter_that_rounding_hides_is_an_error_with_a_remedy():
     """Two readings tell of one direction alone, the second of 1e-20 of it."""
     alike = np.array([np.ones((2, 2)), 1e-20 * np.ones((2, 2))])
-    with pytest.raises(SolverError, match="rounding hides some") as caught:
+    with pytest.raises(SolverError, match="so badly that rounding hides them") as caught:
         optimise_weights(DOptimality(2), np.zeros((2, 2)), alike, np.array([0.5, 0.5]))
     assert "loads and postures of plausible size" in caught.value.remedy
 

@@ -13,8 +13,8 @@ from jointstiff.simulator import LOAD_POINT, TARGETS, truth
 from jointstiff.simulator.document import experiment_of
 from jointstiff.simulator.equilibrium import equilibrium
 from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest, find_feasible
-from jointstiff.solver.design.optimum import Candidates, DesignProblem, DOptimality, optimise
-from jointstiff.solver.design.plan import Distinct, advise, find_exact_design, plan_campaign
+from jointstiff.solver.design.optimum import Candidates, DesignProblem, DOptimality, optimise_design
+from jointstiff.solver.design.plan import Distinct, advise_next_readings, find_exact_design, plan_campaign
 from jointstiff.solver.mechanics.measurements import Instrument
 
 PLACES, FREE = np.array(list(TARGETS.values())), np.full(6, np.inf)
@@ -41,7 +41,7 @@ def plan(robot, kind="any_direction", **options):
     return plan_campaign(robot, PlanRequest(equipment(kind, 1), **asked | options))
 
 
-FEWER = "ask for fewer readings, a smaller angle, or more candidates"
+FEWER = "request fewer readings, a smaller angle, or more candidates"
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ FEWER = "ask for fewer readings, a smaller angle, or more candidates"
         ),
         (
             {"readings": 1},
-            "readings | 1 readings without those held out do not determine 6 joints | ask for more "
+            "readings | 1 readings without those held out do not determine 6 joints | request more "
             "readings, or a smaller share for validation",
         ),
         (
@@ -99,11 +99,11 @@ def problem(rows, n=6):
 def test_a_design_needs_candidates_that_determine_all_parameters_in_postures_apart():
     rows = np.random.default_rng(1).standard_normal((30, 2, 4)) * [1.0, 0.3, 2.0, 0.7]
     assert refused(problem, rows * [1, 1, 0, 1]) == (
-        "candidates | all candidates together determine 3 of 4 parameters; nothing excites parameter "
-        "[2] | add loads or postures that excite the others, or leave these parameters out"
+        "candidates | all candidates together determine 3 of 4 parameters; no load changes parameter "
+        "[2] | add loads or postures that change the missing parameters, or leave these out"
     )
     ten, three_postures = problem(rows, 10), Distinct(np.repeat([[0.0], [1.0], [2.0]], 10, axis=0), 0.5)
-    assert refused(find_exact_design, ten, optimise(ten), three_postures) == (
+    assert refused(find_exact_design, ten, optimise_design(ten), three_postures) == (
         "distinct_angle | only 3 candidates are in postures 28.6° apart, but 10 readings are "
         f"requested | {FEWER}"
     )
@@ -153,7 +153,7 @@ def test_a_reading_is_struck_out_by_what_stands_in_its_way(robot, cell, options,
 
 
 def advice(robot, measurements):
-    return advise(robot, measurements, estimate(robot, measurements))
+    return advise_next_readings(robot, measurements, estimate(robot, measurements))
 
 
 @pytest.mark.parametrize(

@@ -12,12 +12,12 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_campaign
 from jointstiff.simulator.equilibrium import equilibrium
-from jointstiff.solver.estimation.assessment import assess, implausible_joints
+from jointstiff.solver.estimation.assessment import assess, report_implausible_joints
 from jointstiff.solver.estimation.causes import LINKS_LEVEL, MISTAKE_LEVEL, fit_causes, screen_estimate
 from jointstiff.solver.estimation.estimate import JointCompliance, predict
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.integrity import inspect
+from jointstiff.solver.integrity import inspect_measurements
 from jointstiff.solver.mechanics.measurements import (
     CommonUncertainty,
     DifferenceNoise,
@@ -58,9 +58,9 @@ def exchanged(measurements, columns):
 def assessed(robot, measurements, *, findings=None, prior=None, **options):
     """Inspect, identify, and assess with the options of a run; K_c included if nothing is said."""
     options = {"complementary_stiffness": "included"} | options
-    settings = replace(Settings.of(RunOptions(**options), robot), prior=prior)
+    settings = replace(Settings.from_options(RunOptions(**options), robot), prior=prior)
     if findings is None:
-        findings = tuple(inspect(robot, measurements, degrees=False))
+        findings = tuple(inspect_measurements(robot, measurements, degrees=False))
     joints = JointsAlone(robot, measurements, settings, findings)
     found = joints.estimate
     prediction = predict(robot, measurements, found.compliance, balanced=found.balanced)
@@ -197,7 +197,7 @@ def test_the_remedy_of_an_implausible_stiffness(stiffnesses, named, remedy):
         for number, stiffness in enumerate(stiffnesses, 1)
     ]
     joints.append(JointCompliance("joint_4", "revolute", "not_observable", reason="never twists"))
-    found = list(implausible_joints(joints))
+    found = list(report_implausible_joints(joints))
     assert set(named.split()) <= {finding.where for finding in found}
     assert bool(named) == bool(found)
     for finding in found:
@@ -259,7 +259,7 @@ class TestSpringsAlone:
         """Without K_c at the test the posture under the load would be taken for links."""
         robot, measurements = springs(3, force=8000.0)
         for choice in ("included", "neglected"):
-            assert not screened(robot, measurements, choice).links_speak
+            assert not screened(robot, measurements, choice).links_need_validation
 
 
 class TestLoad:
@@ -272,11 +272,11 @@ class TestLoad:
             moved = offset * direction / np.linalg.norm(direction)
             wrong = replace(measurements, load_point=measurements.load_point + moved)
             screening = screened(robot, wrong)
-            assert not screening.links_speak
+            assert not screening.links_need_validation
             (cause,) = screening.causes
             assert cause.suspect.name == "load_point"
             assert cause.p_value < MISTAKE_LEVEL
-            assert screening.proved
+            assert screening.makes_links_unnecessary
             # Pulls tell the point to a centimetre, a dead weight hardly across itself.
             assert np.linalg.norm(cause.unknowns + moved) < (0.02 if load == "pull" else 0.5 * offset)
             beside = fit_causes(robot, wrong, named(screening))
@@ -302,7 +302,7 @@ class TestLoad:
             (cause,) = screening.causes
             assert cause.suspect.name == "constant_force"
             np.testing.assert_allclose(cause.unknowns, payload, atol=25.0)
-            assert not screening.links_speak
+            assert not screening.links_need_validation
 
     @pytest.mark.parametrize("turn", [0.0, 5e-5])
     @pytest.mark.parametrize(("load", "first"), [("pull", 8), ("dead_weight", 0)])
@@ -348,11 +348,11 @@ class TestLoad:
         sharp = Instrument((4.0, 1.0, 1.5), 1e-7, 0.0, 3e-5, 5e-6)
         for seed, sheet in ((0, usual), (1, usual), (7, sharp)):
             robot, measurements = springs(seed, configurations=20)
-            noise = DifferenceNoise.by(sheet, robot, measurements)
+            noise = DifferenceNoise.from_instrument(sheet, robot, measurements)
             stated = replace(measurements, sigma=noise.sigma, covariance=noise.covariance)
             screening = screened(robot, stated)
             assert not screening.causes
-            assert not screening.links_speak
+            assert not screening.links_need_validation
 
     @pytest.mark.parametrize("row", [0, 10, 17, 18, 19])
     def test_one_wrong_posture_is_no_tracker_that_moved(self, row):
@@ -371,7 +371,7 @@ def test_a_load_point_elsewhere_is_told_beside_links_unless_these_explain_more(o
     wrong = replace(measurements, load_point=np.add(measurements.load_point, [offset, 0.0, 0.0]))
     screening = screened(robot, wrong)
     assert [cause.suspect.name for cause in screening.causes] == told
-    assert not screening.proved
+    assert not screening.makes_links_unnecessary
 
 
 @pytest.mark.parametrize(("softness", "configurations"), [(2.0, 20), (0.1, 40)])
@@ -379,9 +379,9 @@ def test_beams_speak(configurations, softness):
     for seed in range(2):
         robot, measurements = beams(seed, softness, configurations=configurations)
         screening = screened(robot, measurements)
-        assert screening.links_speak
+        assert screening.links_need_validation
         assert screening.lack_of_fit
-        assert not screening.proved
+        assert not screening.makes_links_unnecessary
 
 
 def test_numbers_are_said_in_units_of_their_size():

@@ -29,22 +29,22 @@ from jointstiff.simulator.equilibrium import torques
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation import convex
 from jointstiff.solver.estimation import fit as robust
-from jointstiff.solver.estimation.cones import Block, Cone, raised, to_matrix, to_vector
+from jointstiff.solver.estimation.cones import Block, Cone, lift_diagonal, to_matrix, to_vector
 from jointstiff.solver.estimation.conic import (
-    Cones,
     Face,
     LeastSquares,
+    MassCones,
     NormSum,
     RobustProgram,
     SemidefiniteProgram,
+    bound_compliances,
     certify_cone,
     certify_robust,
-    effective_freedom,
-    penalised_range,
+    compute_effective_freedom,
+    compute_penalised_range,
     solve_cone,
+    solve_mass_cones,
     solve_robust,
-    solve_weighed,
-    weighed_ends,
 )
 from jointstiff.solver.estimation.method import DEFAULT_THRESHOLD
 from jointstiff.solver.mechanics.chain import ChainJoint, KinematicChain
@@ -114,7 +114,7 @@ def test_vectors_have_the_inner_product_of_the_matrices(A, B):
 def test_a_raised_block_has_no_computed_eigenvalue_below_zero(seed, size, decade):
     half = np.random.default_rng(seed).standard_normal((size, 1)) * 10.0**decade
     block = to_vector(half @ half.T)
-    lifted = raised(block, size)
+    lifted = lift_diagonal(block, size)
     assert np.linalg.eigvalsh(to_matrix(lifted, size)).min() >= 0.0
     np.testing.assert_allclose(lifted, block, atol=1e-13 * np.abs(block).max())
 
@@ -125,7 +125,7 @@ def test_multipliers_prove_a_bound_below_the_optimum_by_themselves(program):
     program = program()
     solution, gap = solved(program)
     assert solution.certificate.primal == 0.0
-    assert cone_of(program).least(solution.x) >= 0.0
+    assert cone_of(program).least_value(solution.x) >= 0.0
     nu = solution.certificate.multipliers
     if isinstance(program, SemidefiniteProgram):
         pull, proven = program.fit.R.T @ nu, -nu @ nu / 4.0 - nu @ program.fit.z
@@ -133,7 +133,7 @@ def test_multipliers_prove_a_bound_below_the_optimum_by_themselves(program):
         assert np.linalg.norm(nu, axis=1).max() <= 1.0 + 1e-14
         pull = np.einsum("kip,ki->p", program.loss.A, nu)
         proven = -(nu * program.loss.d).sum() - 0.5 * program.threshold * np.square(nu).sum()
-    assert cone_of(program).least(cone_of(program).penalty(program.weight) + pull) >= -1e-12
+    assert cone_of(program).least_value(cone_of(program).penalty(program.weight) + pull) >= -1e-12
     assert abs(objective(program, solution.x) - proven) <= gap + 1e-14
 
 
@@ -193,19 +193,19 @@ def test_a_robust_certificate_bounds_any_point_by_any_dual():
 
 
 BLOCKS = (Block(2, ((1, 0.3), (-1, 0.0))), Block(0), Block(1))
-CONES = Cones(BLOCKS, np.array([50.0, 40.0, 60.0]))
+CONES = MassCones(BLOCKS, np.array([50.0, 40.0, 60.0]))
 SIZE = sum(block.size for block in BLOCKS)
 
 
 def test_cones_are_left_by_no_point_and_bounded_by_hand():
     x = np.array([60.0, -70.0, 10.0, 100.0, 0.0, 0.0, 0.0, 30.0, 0.0, -1.0, 5.0, 9.0])
     drawn_in = [50.0, -50.0, 10.0, 53.0, 0.0, 0.0, 0.0, 30.0, 0.0, 0.0, 5.0, 5.0]
-    np.testing.assert_allclose(CONES.projected(x), drawn_in)
+    np.testing.assert_allclose(CONES.move_into_set(x), drawn_in)
     # 50 (10 - 1 - |-2 - 0.3 · 5| - 5 - 2) + 40 (-2) + 60 (1 - 3); nothing where such a sum is positive
     s = np.array([10.0, 1.0, -2.0, 3.0, 0.0, 4.0, 0.0, 2.0, 0.0, -2.0, 1.0, -3.0])
     for c, least in ((10.0, -275.0), (11.4, -205.0), (11.6, -200.0)):
         s[0] = c
-        assert CONES.least(s) == pytest.approx(least)
+        assert CONES.minimise_linear_function(s) == pytest.approx(least)
 
 
 def inside(rng, count):
@@ -251,11 +251,11 @@ def reference(A, b, start):
 @pytest.mark.parametrize(("seed", "rows"), [*((seed, SIZE) for seed in range(8)), (3, 5)])
 def test_the_optimum_is_that_of_another_solver(seed, rows):
     A, b, rng = problem(seed, rows)
-    found = solve_weighed(A, b, CONES)
+    found = solve_mass_cones(A, b, CONES)
     start = inside(rng, 1)[0] + 1e-3
     assert found.certificate.gap <= 1e-8
     assert found.loss <= reference(A, b, start) + 1e-6
-    assert (CONES.projected(found.x) == found.x).all()
+    assert (CONES.move_into_set(found.x) == found.x).all()
 
 
 def test_a_point_that_is_not_the_optimum_is_not_certified(monkeypatch):
@@ -264,9 +264,12 @@ def test_a_point_that_is_not_the_optimum_is_not_certified(monkeypatch):
     monkeypatch.setattr(
         convex.Program, "solve", lambda self, data, tolerance: 1.001 * solve(self, data, tolerance)
     )
-    for rows, right, cones in ((A, b, CONES), (np.eye(1), np.ones(1), Cones((Block(0),), np.full(1, 10.0)))):
+    for rows, right, cones in (
+        (A, b, CONES),
+        (np.eye(1), np.ones(1), MassCones((Block(0),), np.full(1, 10.0))),
+    ):
         with pytest.raises(SolverError, match="its gap is"):
-            solve_weighed(rows, right, cones)
+            solve_mass_cones(rows, right, cones)
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -282,7 +285,7 @@ def test_effective_freedom_is_the_divergence_of_the_fit(seed):
     for k, unit in enumerate(np.eye(len(program.fit.z))):
         ends = [fitted(program.fit.z + sign * step * unit)[k] for sign in (1, -1)]
         divergence += (ends[0] - ends[1]) / (2 * step)
-    freedom = effective_freedom(program, solve_cone(program, gap=1e-7).x)
+    freedom = compute_effective_freedom(program, solve_cone(program, gap=1e-7).x)
     assert freedom.sum() == pytest.approx(divergence, abs=1e-2)
     assert 0.0 < freedom.sum() < program.cone.dimension
 
@@ -290,9 +293,9 @@ def test_effective_freedom_is_the_divergence_of_the_fit(seed):
 @pytest.mark.parametrize("seed", range(4))
 def test_ends_hold_all_points_near_the_optimum_and_no_more(seed):
     A, b, rng = problem(seed)
-    optimum = solve_weighed(A, b, CONES)
-    found = weighed_ends(A, b, optimum, 0.5, CONES)
-    program, radius = convex.state_weighed_end(SIZE, BLOCKS), np.sqrt(optimum.loss + 0.5)
+    optimum = solve_mass_cones(A, b, CONES)
+    found = bound_compliances(A, b, optimum, 0.5, CONES)
+    program, radius = convex.state_mass_cone_end(SIZE, BLOCKS), np.sqrt(optimum.loss + 0.5)
     near, cap = optimum.x / radius, CONES.cap / radius
     ball = {"A": A, "b": b / radius - A @ near, "near": near, "cap": cap}
     for (j, side), end in np.ndenumerate(found):  # a point of the set is there, all but
@@ -322,10 +325,10 @@ def test_the_range_far_from_all_bounds_is_that_of_an_ellipsoid():
     x = np.linalg.lstsq(R, fit.z, rcond=None)[0] - 0.5 * np.linalg.solve(R.T @ R, program.penalty)
     rise, functions = 1e-6, rng.standard_normal((4, 6))
     half = np.sqrt(rise * np.einsum("ki,ij,kj->k", functions, np.linalg.inv(R.T @ R), functions))
-    found = penalised_range(program, x, rise, functions)
+    found = compute_penalised_range(program, x, rise, functions)
     expected = (functions @ x)[:, None] + half[:, None] * [-1.0, 1.0]
     np.testing.assert_allclose(found, expected, atol=1e-3 * half.max())
-    assert np.isnan(penalised_range(program, x, rise, np.zeros((1, 6)))).all()
+    assert np.isnan(compute_penalised_range(program, x, rise, np.zeros((1, 6)))).all()
 
 
 def test_a_semidefinite_program_finds_the_nearest_point_of_its_cone():
@@ -342,7 +345,7 @@ def test_a_semidefinite_program_finds_the_nearest_point_of_its_cone():
 def test_the_design_for_the_worst_direction_is_solved_by_hand():
     """Two parameters, informed by 1 and 4 a reading: shares 0.8 and 0.2, none of what tells little."""
     K = np.array([np.diag([1.0, 0.0]), np.diag([0.0, 4.0]), 0.1 * np.eye(2)])
-    weights, dual = convex.worst_direction(np.zeros((2, 2)), K, np.ones(2))
+    weights, dual = convex.solve_e_optimal_design(np.zeros((2, 2)), K, np.ones(2))
     np.testing.assert_allclose(weights, [0.8, 0.2, 0.0], atol=1e-6)
     assert weights[2] == 0.0
     np.testing.assert_allclose(dual, np.diag([0.8, 0.2]), atol=1e-6)

@@ -33,7 +33,7 @@ from jointstiff.simulator.campaign import torques
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation import resampling as module
 from jointstiff.solver.estimation import solution
-from jointstiff.solver.estimation.assessment import Assessment, find_implausible_results
+from jointstiff.solver.estimation.assessment import Assessment, report_implausible_results
 from jointstiff.solver.estimation.estimate import predict
 from jointstiff.solver.estimation.fit import sigma_test
 from jointstiff.solver.estimation.identify import identify
@@ -49,7 +49,7 @@ from jointstiff.solver.estimation.resampling import (
     MethodStacks,
     Resamples,
     StageStack,
-    draws_of,
+    draw_configurations,
     resample,
     summarise_resamples,
 )
@@ -103,7 +103,7 @@ class TestAgainstIdentify:
             with monkeypatch.context() as patch:
                 patch.setattr(solution, "LEAST_EIGENVALUE", np.inf)
                 by_rows = resample(blocks, plan, bounds)
-            for k, drawn in enumerate(draws_of(plan, 19, 0, 8)):
+            for k, drawn in enumerate(draw_configurations(plan, 19, 0, 8)):
                 expected = identify(robot, measurements[drawn], options)
                 prediction = predict(robot, measurements, expected.compliance)
                 at_bound = [joint.status == "at_bound" for joint in expected.joints]
@@ -126,7 +126,7 @@ class TestAgainstIdentify:
         plan, options = plan_of(10, 5, 3), settings(method)
         found = resample(blocks_of_set(robot, measurements, options), plan, POSITIVE)
         assert np.isnan(found.compliance[:, 0]).all()
-        for k, drawn in enumerate(draws_of(plan, len(measurements), 0, 5)):
+        for k, drawn in enumerate(draw_configurations(plan, len(measurements), 0, 5)):
             expected = identify(robot, measurements[drawn], options)
             np.testing.assert_allclose(found.compliance[k, 1:], expected.compliance[1:], rtol=1e-8)
             prediction = predict(robot, measurements, expected.compliance)
@@ -159,7 +159,7 @@ class TestUndetermined:
         unknown = {"combined": [0, 1, 3, 4], "null": [0, 3, 4], "null_at_targets": [0], "determined": []}
         np.testing.assert_array_equal(np.flatnonzero(np.isnan(found.compliance[0])), unknown[case])
         if case in {"null_at_targets", "determined"}:
-            rows = targets[draws_of(plan_of(1, 1, 0), 2, 0, 1)[0, 0]]
+            rows = targets[draw_configurations(plan_of(1, 1, 0), 2, 0, 1)[0, 0]]
             left = rows[:, 5] - rows[:, 2:5] @ np.nan_to_num(found.compliance[0, :3])
             expected = np.linalg.lstsq(rows[:, :2], left, rcond=None)[0]
             np.testing.assert_allclose(found.compliance[0, 3:], expected, rtol=1e-9)
@@ -168,9 +168,9 @@ class TestUndetermined:
 class TestPlan:
     def test_draws_are_rows_of_one_table(self):
         table = np.random.default_rng(5).random((100, 19))
-        drawn = draws_of(plan_of(10, 100, 5), 19, 40, 60)
+        drawn = draw_configurations(plan_of(10, 100, 5), 19, 40, 60)
         np.testing.assert_array_equal(drawn, np.argsort(table, axis=1)[40:60, :10])
-        again = draws_of(plan_of(10, 100, 5, replacement=True), 19, 40, 60)
+        again = draw_configurations(plan_of(10, 100, 5, replacement=True), 19, 40, 60)
         np.testing.assert_array_equal(again, np.floor(19 * table[40:60, :10]))
 
 
@@ -316,7 +316,7 @@ def test_a_combination_that_the_prior_tells_apart():
     assert message.prior_to_data is None
     assert "only its prior separates them" in message.reason
     assert found.identifiability[0].rank == 6  # of the readings, whatever the prior adds
-    assert "prior_dominates" in {finding.code for finding in find_implausible_results(found)}
+    assert "prior_dominates" in {finding.code for finding in report_implausible_results(found)}
 
 
 class TestRefusals:

@@ -26,8 +26,8 @@ from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.estimation import convex
 from jointstiff.solver.estimation import estimate as estimates
 from jointstiff.solver.estimation import solution as module
-from jointstiff.solver.estimation.estimate import profile_ends
-from jointstiff.solver.estimation.fit import Likelihood, rows_of
+from jointstiff.solver.estimation.estimate import compute_profile_ends
+from jointstiff.solver.estimation.fit import Likelihood, invert_to_root
 from jointstiff.solver.estimation.problem import Bounds, Constraints, IdentificationProblem, Inequalities
 from jointstiff.solver.estimation.solution import (
     Certificate,
@@ -397,7 +397,7 @@ def test_a_certificate_measures_the_projected_gradient_at_any_point(seed):
     lower[rng.random(n) < 0.2] = -np.inf
     upper = np.where(rng.random(n) < 0.3, np.inf, np.maximum(lower, -2.0) + width)
     problem = IdentificationProblem(A, b, Bounds(lower, upper))
-    scaled, norms, size = module.Scaled.of(problem), np.linalg.norm(A, axis=0), np.linalg.norm(b)
+    scaled, norms, size = module.Scaled.from_problem(problem), np.linalg.norm(A, axis=0), np.linalg.norm(b)
     low, high = scaled.bounds.lower, scaled.bounds.upper
     np.testing.assert_allclose([low, high], [lower * norms / size, upper * norms / size])
     best = solve(problem)
@@ -436,7 +436,7 @@ def positive(n, *order):
 def ends_of(found, constraints, radii=RADII, wanted=None):
     wanted = np.arange(len(found.centre)) if wanted is None else np.asarray(wanted)
     rows = np.eye(len(found.centre))[wanted]
-    return profile_ends(found, constraints, rows, np.atleast_1d(np.asarray(radii, dtype=float)))
+    return compute_profile_ends(found, constraints, rows, np.atleast_1d(np.asarray(radii, dtype=float)))
 
 
 class TestClosedForms:
@@ -485,7 +485,7 @@ class TestClosedForms:
     def test_rows_from_a_covariance_are_those_of_its_inverse(self):
         rng = np.random.default_rng(0)
         R = rng.standard_normal((7, 5)) * 10.0 ** np.arange(-10, 15, 5)
-        rows = rows_of(np.linalg.inv(R.T @ R))
+        rows = invert_to_root(np.linalg.inv(R.T @ R))
         np.testing.assert_allclose(rows.T @ rows, R.T @ R, rtol=1e-9)
 
 
@@ -498,9 +498,9 @@ class TestIndependently:
             half = RADII[0] * np.sqrt(np.diag(np.linalg.inv(R.T @ R)))
             wald = np.maximum(centre[:, None] + half[:, None] * [-1.0, 1.0], 0.0)
             profile = ends_of(found, positive(3), RADII[0])[0]
-            ends = estimates.interval_ends(found, positive(3), np.eye(3), RADII[:1], value, by_profile=True)[
-                0
-            ]
+            ends = estimates.compute_interval_ends(
+                found, positive(3), np.eye(3), RADII[:1], value, by_profile=True
+            )[0]
             parts = np.stack([wald, profile, np.stack([value, value], axis=1)])
             np.testing.assert_allclose(ends[:, 0], parts[..., 0].min(axis=0), atol=1e-12)
             np.testing.assert_allclose(ends[:, 1], parts[..., 1].max(axis=0), atol=1e-12)
@@ -529,6 +529,6 @@ def test_an_error_that_moves_some_joints_alone_is_in_the_budget():
     """A dead weight never twists joint 1: the scale of its force goes one to one into the others."""
     robot, measurements = prepare(simulate_campaign(default_arm(), load="dead_weight", seed=1))
     found = estimate(robot, replace(measurements, common_uncertainty=CommonUncertainty(scale=0.01)))
-    components = estimates.UncertaintyBudget.of(found, 0.95).components
+    components = estimates.UncertaintyBudget.from_estimate(found, 0.95).components
     (scale,) = [part for part in components if part.source == "force_scale"]
     np.testing.assert_allclose(scale.uncertainty[1:], 0.01 * found.compliance[1:], rtol=1e-6)

@@ -44,7 +44,7 @@ def test_sums_since_a_posture_are_those_of_the_rows_from_there_on(stack):
 
 @pytest.mark.parametrize("whole", [True, False], ids=["stack", "triangle"])
 def test_what_a_term_leaves_is_across_its_columns(stack, whole):
-    left = stack.left_by(["shift"]) if whole else stack.triangle().left_by(["shift"], INDEPENDENT)
+    left = stack.project_out(["shift"]) if whole else stack.triangle().project_out(["shift"], INDEPENDENT)
     known, others = stack.flat[:, 3:5], stack.flat[:, [0, 1, 2, 5]]
     expected = others - known @ _least_squares(known, others)
     found = left.flat if whole else left.R
@@ -61,7 +61,7 @@ def test_terms_are_fitted_while_others_are_known(stack):
 def test_a_prior_is_one_more_row_of_each_unknown(stack):
     """Gauss and Markov's estimate with normal priors, by its own formula; an exact unknown stays zero."""
     deviation, variance = np.array([0.5, 2.0, 0.0, 0.1, 1.0]), 0.3
-    fit = stack.triangle().given(deviation, variance)
+    fit = stack.triangle().fit_with_prior(deviation, variance)
     free = deviation > 0.0
     A, d = stack.flat[:, :-1][:, free], stack.flat[:, -1]
     covariance = np.linalg.inv(A.T @ A / variance + np.diag(deviation[free] ** -2.0))

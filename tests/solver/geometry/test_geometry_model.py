@@ -36,8 +36,8 @@ from jointstiff.solver.geometry.frames import (
     BaseTargets,
     FlangeConvention,
     NearlyParallel,
+    build_dh_table,
     compare_links,
-    dh_table,
     find_base_frame,
     find_wrist_centre,
     identify_model,
@@ -45,14 +45,14 @@ from jointstiff.solver.geometry.frames import (
 )
 from jointstiff.solver.geometry.identification import (
     Conventions,
-    drift_findings,
     identify_from_poses,
     identify_from_sweeps,
     report_calibration,
+    report_drift,
     report_vague_parameters,
     report_wrist_disagreement,
 )
-from jointstiff.solver.geometry.poses import Poses, PoseState, calibrate, transformed
+from jointstiff.solver.geometry.poses import Poses, PoseState, calibrate, transform_points
 from jointstiff.solver.geometry.sweeps import identify_axes
 from jointstiff.solver.mechanics.chain import ChainJoint, dh_chain
 from jointstiff.solver.mechanics.postures import Postures
@@ -71,8 +71,8 @@ def flange_points(chain, angles, points):
 def table_gap(table, chain, points=TARGETS):
     """How far off the chain's the table's points on the flange are, in all postures [m]."""
     base, tool = (pin.SE3(*map(np.array, dict(part).values())) for part in (table.base, table.tool))
-    moved = flange_points(dh_chain(table.rows, table.convention, "x"), ANGLES, transformed(tool, points))
-    return transformed(base, moved) - flange_points(chain, ANGLES, points)
+    moved = flange_points(dh_chain(table.rows, table.convention, "x"), ANGLES, transform_points(tool, points))
+    return transform_points(base, moved) - flange_points(chain, ANGLES, points)
 
 
 @pytest.mark.parametrize("matrix", [np.eye(6), FANUC_MAP], ids=["own", "coupled"])
@@ -80,11 +80,11 @@ def test_the_model_predicts_what_the_tracker_reads_anywhere(matrix):
     cell = Cell(imperfect_arm(11), matrix=matrix)
     found = identify_axes(cell.sweeps())
     base = find_base_frame(found, nominal())
-    model = identify_model(found, base, FlangeConvention.of_chain(nominal()), nominal=nominal())
+    model = identify_model(found, base, FlangeConvention.from_chain(nominal()), nominal=nominal())
     robot = Robot(model.chain.model(), JointMap(matrix, np.zeros(6)))
     angles = robot.joint_map.model_angles(ANGLES)
     predicted = flange_points(model.chain, angles, model.targets_in_flange)
-    read = transformed(base.transform_tracker_to_base, cell.readings(ANGLES))
+    read = transform_points(base.transform_tracker_to_base, cell.readings(ANGLES))
     assert np.abs(predicted - read).max() < 1e-7
     assert model.chain.joint_names == nominal().joint_names
     assert model.chain.moving[2].limits == nominal().moving[2].limits
@@ -98,7 +98,7 @@ def test_dh_tables_are_exact_where_no_axes_are_nearly_parallel(seed, convention)
     directions = arm.axis_directions + rng.normal(0.0, 0.3, (6, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     chain = read_urdf(urdf_text(replace(arm, axis_directions=directions)), "base_link", "flange")
-    table, _ = dh_table(chain, convention, parallel_within=0.0)
+    table, _ = build_dh_table(chain, convention, parallel_within=0.0)
     assert all(abs(row.d) < 100.0 for row in table.rows)
     assert np.abs(table_gap(table, chain)).max() < 1e-9
     assert table.deviation < 1e-12
@@ -114,7 +114,7 @@ def test_dh_tables_are_exact_however_robot_and_tool_are_mounted(parallel, turn, 
         joints[1] = replace(joints[1], axis=z, translation=0.3 * z)
     mounts = [ChainJoint(name, "fixed", turned, 0.2 * z, z, None, name) for name in ("wall", "tool")]
     chain = replace(nominal(), flange="tool", joints=(mounts[0], *joints, mounts[1]))
-    table, pairs = dh_table(chain, convention)
+    table, pairs = build_dh_table(chain, convention)
     assert np.abs(table_gap(table, chain)).max() < 1e-9
     assert table.deviation < 1e-12
     assert [(pair.joint, pair.made_parallel) for pair in pairs] == [(parallel, True)]
@@ -161,7 +161,7 @@ def test_the_flange_stands_where_its_convention_says_with_a_nominal_model_or_non
 class TestLinkTable:
     def table_of(self, found):
         base = find_base_frame(found, nominal())
-        rows = compare_links(found, base, FlangeConvention.of_chain(nominal()), nominal())
+        rows = compare_links(found, base, FlangeConvention.from_chain(nominal()), nominal())
         return {(row.quantity, row.joint): (row.difference, row.standard_uncertainty) for row in rows}
 
     @pytest.mark.parametrize("draws", [6, pytest.param(25, marks=pytest.mark.slow)])
@@ -209,7 +209,7 @@ def test_exact_poses_give_the_arm(seed, matrix):
     assert (found.evidence.determined, found.evidence.only_together) == (33, [])
     assert np.abs(axis_errors(found, cell)).max() < 1e-8
     base = find_base_frame(found, nominal())
-    model = identify_model(found, base, FlangeConvention.of_chain(nominal()), nominal=nominal())
+    model = identify_model(found, base, FlangeConvention.from_chain(nominal()), nominal=nominal())
     assert model.targets_in_flange == pytest.approx(TARGETS, abs=0.02)
 
 
@@ -291,12 +291,12 @@ def test_a_joint_that_never_turned_is_named_and_its_numbers_have_no_uncertainty(
     assert {finding.code for finding in report_calibration(found)} == {"parameters_not_identified"}
     assert all("determine a combination of" in finding.message for finding in report_calibration(found))
     base = find_base_frame(found, nominal())
-    rows = compare_links(found, base, FlangeConvention.of_chain(nominal()), nominal())
+    rows = compare_links(found, base, FlangeConvention.from_chain(nominal()), nominal())
     by_key = {(row.quantity, row.joint): row.standard_uncertainty for row in rows}
     assert by_key["alpha", "joint_3"] is by_key["a", "joint_4"] is None
     assert by_key["a", "joint_2"] < 100e-6
     one = np.eye(len(found.covariance))
-    several = replace(found, covariance=one, unseen=np.column_stack([1e3 * one[0], 1e-2 * one[5]]))
+    several = replace(found, covariance=one, undetermined=np.column_stack([1e3 * one[0], 1e-2 * one[5]]))
     rows = np.stack([one[0], one[5], one[1], one[1] + 1e-8 * one[0]])
     assert several.standard_uncertainties(rows).tolist() == [np.inf, np.inf, 1.0, 1.0]
 
@@ -416,7 +416,7 @@ def drift(seed, *, moved, off=0.0, along=2, count=5):
     before, after = (points + rng.normal(0.0, SIGMA, points.shape) for points in (BASE[:count], after))
     names = tuple(str(number + 1) for number in range(count))
     targets = BaseTargets(before, after, np.eye(3), names)
-    return targets.drift(SIGMA, AT), targets
+    return targets.fit_drift(SIGMA, AT), targets
 
 
 def test_a_drift_is_found_with_its_figure_and_can_be_removed():
@@ -430,7 +430,7 @@ def test_a_drift_is_found_with_its_figure_and_can_be_removed():
         point = np.array(back.rotation) @ (TURN @ AT + SHIFT) + back.translation
         assert chi_square(point - AT, covariance) < 30.0
     assert np.mean(squares) == pytest.approx(3.0, rel=0.25)
-    (finding,) = drift_findings(found, targets)
+    (finding,) = report_drift(found, targets)
     assert finding.code == "base_drifted"
     assert length_in(finding.message) == pytest.approx(np.linalg.norm(TURN @ AT + SHIFT - AT), abs=60e-6)
 
@@ -438,15 +438,15 @@ def test_a_drift_is_found_with_its_figure_and_can_be_removed():
 def test_a_base_that_stands_still_did_not_move():
     chances = [drift(seed, moved=False)[0].probability for seed in range(40)]
     assert stats.kstest(chances, "uniform").pvalue > 1e-3
-    found = BaseTargets(BASE, BASE.copy(), np.eye(3), tuple("12345")).drift(SIGMA, AT)
+    found = BaseTargets(BASE, BASE.copy(), np.eye(3), tuple("12345")).fit_drift(SIGMA, AT)
     assert (found.probability, found.significant, found.moved_targets) == (pytest.approx(1.0), False, [])
     line = np.array([[1.0, 0.0, 0.0], [1.4, 0.8, 0.2], [2.0, 2.0, 0.5]])
     with pytest.raises(MeasurementError, match="on a line"):
-        BaseTargets(line, line, np.eye(3), ("1", "2", "3")).drift(SIGMA, AT)
+        BaseTargets(line, line, np.eye(3), ("1", "2", "3")).fit_drift(SIGMA, AT)
 
 
 def test_one_base_target_that_moved_is_named_and_the_rest_is_no_drift_of_its_own():
     found, targets = drift(3, moved=False, off=4e-4)
     assert found.moved_targets == ["2"]
-    assert "base_target_moved" in {finding.code for finding in drift_findings(found, targets)}
+    assert "base_target_moved" in {finding.code for finding in report_drift(found, targets)}
     assert found.deformation_probability < 1e-6

@@ -239,7 +239,7 @@ def test_exact_readings_give_the_axis_to_rounding(joint, angles):
         point = posture.point_to_base(target) - posture.axis_points[joint]
         along = point @ posture.axis_directions[joint]
         assert radius == pytest.approx(np.sqrt(point @ point - along**2), abs=1e-9)
-    radial, axial = fit.residual_rms()
+    radial, axial = fit.compute_residual_rms()
     assert [*radial, *axial] == pytest.approx([0.0] * 6, abs=1e-12)
 
 

@@ -73,7 +73,7 @@ def parallel_cell():
         ),
         (
             lambda: identify_axes(coupled_sweep_from_elsewhere()),
-            "sweep of joint_2 | this sweep turns model joints 2 and 3, and it was taken in another "
+            "sweep of joint_2 | this sweep turns model joints 2 and 3, and it was recorded in another "
             "configuration than the sweep of joint_3 | start both sweeps from the same configuration of "
             "the other joints",
         ),
@@ -200,7 +200,7 @@ def test_targets_on_a_line_define_no_frame():
         "targets that form a triangle"
     )
     base = BaseTargets(line, line, np.eye(3), ("1", "2", "3", "4"))
-    assert refused(base.drift, SIGMA, np.ones(3)) == (
+    assert refused(base.fit_drift, SIGMA, np.ones(3)) == (
         "base_targets_after | the base targets lie on a line, so a rotation about that line cannot "
         "be determined | place the targets so that they form a triangle"
     )

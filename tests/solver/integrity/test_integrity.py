@@ -10,7 +10,7 @@ from support.campaigns import first_target, only_deflections, prepare
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.campaign import TARGETS, experiment_of, linear_deflections
 from jointstiff.simulator.imperfections import with_link_errors
-from jointstiff.solver.integrity import inspect
+from jointstiff.solver.integrity import inspect_measurements
 from jointstiff.solver.integrity.values import View, inspect_loads
 from jointstiff.solver.mechanics.postures import Postures
 
@@ -19,14 +19,14 @@ ROBOT, CAMPAIGN = prepare(simulate_campaign(default_arm(), load="pull", configur
 
 def look(measurements=CAMPAIGN, **changed):
     """Return the findings of a set with these arrays."""
-    return inspect(ROBOT, replace(measurements, **changed), degrees=False)
+    return inspect_measurements(ROBOT, replace(measurements, **changed), degrees=False)
 
 
 @pytest.mark.parametrize("load", ["pull", "dead_weight"])
 @pytest.mark.parametrize("seed", range(20))
 def test_clean_sets_raise_no_finding(load, seed):
     robot, measurements = prepare(simulate_campaign(default_arm(), load=load, seed=seed))
-    assert inspect(robot, measurements, degrees=False) == []
+    assert inspect_measurements(robot, measurements, degrees=False) == []
 
 
 @pytest.mark.parametrize(

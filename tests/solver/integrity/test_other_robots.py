@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 from support.catalogue_arms import nominal_robots, readings_on
 
-from jointstiff.solver.integrity import inspect
+from jointstiff.solver.integrity import inspect_measurements
 from jointstiff.solver.integrity.other_robots import KnownRobot, inspect_robots
 from jointstiff.solver.integrity.values import View
 from jointstiff.solver.mechanics.robot import Robot
@@ -155,7 +155,9 @@ def test_the_finding_takes_the_place_of_those_that_follow_from_it():
     measurements = readings_on(ARMS["KUKA KR 6 R900 sixx"].robot, seed=3)
 
     def codes(chosen, changed, others):
-        return {each.code for each in inspect(chosen.robot, changed, degrees=True, others=others)}
+        return {
+            each.code for each in inspect_measurements(chosen.robot, changed, degrees=True, others=others)
+        }
 
     alone = codes(ARMS["Yaskawa GP12"], measurements, ())
     assert "target_off_model" in alone

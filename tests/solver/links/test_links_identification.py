@@ -13,7 +13,7 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.solver.errors import UnsupportedMethodError
 from jointstiff.solver.estimation.cones import to_vector
-from jointstiff.solver.estimation.conic import LeastSquares, range_of_squares
+from jointstiff.solver.estimation.conic import LeastSquares, compute_unconstrained_range
 from jointstiff.solver.links import choice
 from jointstiff.solver.links.choice import (
     LIMITS,
@@ -27,16 +27,16 @@ from jointstiff.solver.links.choice import (
     find_richest_model,
     fit_fold,
     fit_folds,
-    judge_losses,
-    judge_penalty,
     list_models_to_compare,
     refine_path,
+    report_losses,
+    report_penalty,
     select_model,
 )
 from jointstiff.solver.links.fit import (
     EffectiveCompliances,
-    effective_compliances,
-    effective_rows,
+    build_effective_rows,
+    compute_effective_compliances,
     estimate_elastic,
     fit_first_certified,
 )
@@ -55,7 +55,7 @@ from jointstiff.solver.mechanics.block import regressor_blocks
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.predict.answers import build_stored_model, forward_model
+from jointstiff.solver.predict.answers import build_forward_model, build_stored_model
 from jointstiff.solver.predict.models import ElasticPredictor, leave_folds_out
 
 COLUMNS = ElasticColumns(6, tuple(range(6)))
@@ -201,7 +201,9 @@ def test_models_with_a_base_are_compared_where_its_test_speaks():
         (None, True, 0.5, 1e-9, {*MODELS} - {"joints", "joints_and_base"}),
         (None, True, 0.5, 0.5, {"links_and_base"}),  # each explains what the other does: both compete
     ):
-        tests = SimpleNamespace(base_speaks=speaks, links_beside_base=links, base_beside_links=base)
+        tests = SimpleNamespace(
+            base_needs_validation=speaks, links_p_value_with_base=links, base_p_value_with_links=base
+        )
         assert {*MODELS} - {*list_models_to_compare(tests, asked)} == left_out
 
 
@@ -236,8 +238,10 @@ def test_selection_names_joints_where_links_are_rigid_and_links_where_they_bend(
     assert selected(*rigid_pulled(15, 0), weights, folds=3).simplest == "joints"
     bending = selected(*elastic, weights, folds=2)
     assert bending.simplest != "joints"
-    assert bending.of("joints_and_links").compensation > bending.of("joints").compensation
-    assert bending.of("joints").penalty is None
+    assert (
+        bending.find_held_out("joints_and_links").compensation > bending.find_held_out("joints").compensation
+    )
+    assert bending.find_held_out("joints").penalty is None
 
 
 def test_effective_compliance_about_each_axis_is_found_where_the_joint_alone_is_not():
@@ -246,15 +250,15 @@ def test_effective_compliance_about_each_axis_is_found_where_the_joint_alone_is_
     robot, measurements = prepare(elastic_campaign(arm, configurations=60, seed=7))
     axes = arm.arm.axis_directions
     truth = arm.arm.compliances + np.einsum("ji,jik,jk->j", axes, arm.links[:, 3:, 3:], axes)
-    rows = effective_rows(robot, COLUMNS)
+    rows = build_effective_rows(robot, COLUMNS)
     np.testing.assert_allclose(rows @ truth_of(arm), truth, rtol=1e-9)
     estimated = estimate(robot, measurements, weight=1e-5)
     assert np.all(np.abs(rows @ estimated.entries / truth - 1.0) < 0.25)
-    intervals = effective_compliances(robot, estimated, 0.95)
+    intervals = compute_effective_compliances(robot, estimated, 0.95)
     np.testing.assert_array_equal(intervals.compliance, rows @ estimated.entries)
     assert np.all((intervals.ends[:, 0] <= truth) & (truth <= intervals.ends[:, 1]))
     assert np.median((intervals.ends[:, 1] - intervals.ends[:, 0]) / truth) < 1.0
-    wider = effective_compliances(robot, estimated, 0.99)
+    wider = compute_effective_compliances(robot, estimated, 0.99)
     assert np.all(wider.uncertainty * 2.5758 > intervals.uncertainty * 1.96)
     assert np.abs(estimated.compliance / arm.arm.compliances - 1.0).max() > 0.25
 
@@ -267,14 +271,14 @@ def test_squares_alone_range_as_far_as_their_ellipsoid_reaches():
     functions = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [3.0, 4.0, 0.0], [0.0, 0.0, 1.0]])
     reach = 0.1 * np.hypot(3.0 / 2.0, 4.0 / 5.0)
     expected = [[0.95, 1.05], [-2.02, -1.98], [11.0 - reach, 11.0 + reach], [np.nan, np.nan]]
-    np.testing.assert_allclose(range_of_squares(squares, functions, 0.1), expected, rtol=1e-12)
+    np.testing.assert_allclose(compute_unconstrained_range(squares, functions, 0.1), expected, rtol=1e-12)
 
 
 def test_effective_compliance_is_the_rotation_about_an_axis_of_any_direction(elastic):
     axis, A = np.array([0.6, 0.0, 0.8]), np.random.default_rng(1).standard_normal((6, 6))
     chain = elastic[0].chain
     joints = tuple(replace(joint, axis=axis) if joint.is_moving else joint for joint in chain.joints)
-    rows = effective_rows(Robot(replace(chain, joints=joints).model()), COLUMNS)
+    rows = build_effective_rows(Robot(replace(chain, joints=joints).model()), COLUMNS)
     for joint in range(6):
         found = rows[joint, COLUMNS.link(joint)] @ to_vector(A + A.T)
         assert found == pytest.approx(axis @ (A + A.T)[3:, 3:] @ axis, rel=1e-12)
@@ -336,9 +340,9 @@ def test_losses_are_compared_in_sets_of_few_targets(elastic):
     with pytest.raises(UnsupportedMethodError, match="600 targets") as refused:
         list_losses_to_compare(many, ("absolute",))
     assert (refused.value.where, "squared" in refused.value.remedy) == ("loss", True)
-    (finding,) = judge_losses(600)
+    (finding,) = report_losses(600)
     assert finding.code == "loss_not_compared"
-    assert not list(judge_losses(500))
+    assert not list(report_losses(500))
 
 
 def test_folds_share_out_postures_and_keep_equal_ones_together():
@@ -400,16 +404,16 @@ def test_a_penalty_that_cannot_be_certified_gives_way_to_the_next(elastic):
     assert (refused.value.where, "or more" in refused.value.remedy) == ("link_penalty", True)
     found = fit_first_certified(folds, model, (1e-30, 1e-4, 1e-2))
     assert found.penalty == 1e-4
-    raised = judge_penalty(1e-5, found.penalty)
+    raised = report_penalty(1e-5, found.penalty)
     assert [finding.code for finding in raised] == ["link_penalty_raised"]
 
 
 @pytest.mark.parametrize(("chosen", "remedy"), [(1.0, "elasticity joints"), (1e-7, "give link_penalty")])
 def test_a_penalty_at_an_end_is_a_finding(chosen, remedy):
-    (finding,) = judge_penalty(chosen, chosen)
+    (finding,) = report_penalty(chosen, chosen)
     assert (finding.code, finding.weight) == ("link_penalty_at_end", "use")
     assert remedy in finding.remedy
-    assert not list(judge_penalty(1e-2, 1e-2))
+    assert not list(report_penalty(1e-2, 1e-2))
 
 
 def test_a_model_without_an_answer_is_left_out_unless_it_is_asked_for(elastic):
@@ -439,7 +443,7 @@ def test_predictions_hold_on_beams_at_any_place(elastic):
     robot, measurements = elastic
     fitted, held_out = measurements[:25], measurements[25:]
     found = estimate(robot, fitted, weight=1e-4, shares=CrossValidation(folds=3))
-    predictor = ElasticPredictor.of(robot, found)
+    predictor = ElasticPredictor.from_estimate(robot, found)
     error = leave_folds_out(robot, fitted, found)
     assert error.postures == 25
     configurations = Postures(robot, robot.joint_map.model_angles(held_out.joints))
@@ -468,12 +472,12 @@ def test_balls_hardly_grow_within_the_loads_and_in_proportion_beyond(elastic):
     """No noise is stated: it remains, with what the readings leave open. A stored model says the same."""
     robot, fitted = elastic[0], replace(elastic[1][:25], sigma=None)
     found = estimate(robot, fitted, weight=1e-4, shares=CrossValidation(folds=2))
-    predictor, error = ElasticPredictor.of(robot, found), leave_folds_out(robot, fitted, found)
+    predictor, error = ElasticPredictor.from_estimate(robot, found), leave_folds_out(robot, fitted, found)
     assert error.noise == pytest.approx(np.sqrt(2.0) * 2e-5, rel=0.3)
     cases = LoadCases(fitted.joints, fitted.force, fitted.moment, fitted.load_point, fitted.load_point)
     stored = build_stored_model(predictor, error)
     assert stored.error.noise == error.noise
-    _, again = forward_model(predictor.robot, stored)
+    _, again = build_forward_model(predictor.robot, stored)
     by_load = []
     for factor in (0.25, 1.0, 4.0):
         scaled = replace(cases, force=factor * cases.force)
@@ -556,7 +560,10 @@ def test_a_model_at_another_penalty_is_compared_anew():
     assert (after.simplest, after.best, after.largest) == ("joints_and_links",) * 3
     by_huber = replace(better, loss="huber", penalty=1e-4, error=6e-5)
     assert (
-        Selection.choose_among([*kept.models, by_huber], screened=True).of("joints_and_links").penalty == 1e-5
+        Selection.choose_among([*kept.models, by_huber], screened=True)
+        .find_held_out("joints_and_links")
+        .penalty
+        == 1e-5
     )
 
 

@@ -12,8 +12,8 @@ from jointstiff.schemas.plan import DecisionGoal, DeflectionGoal, JointsGoal
 from jointstiff.simulator.campaign import LOAD_POINT, TARGETS
 from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.live.ahead import Ahead, Known
-from jointstiff.solver.live.innovation import Expectation, held_out, innovation
+from jointstiff.solver.live.ahead import CandidateReadings, KnownCompliances
+from jointstiff.solver.live.innovation import Expectation, check_held_out_reading, compare_last_reading
 from jointstiff.solver.mechanics.block import regressor_blocks
 
 ROBOT, N = robot_of(ARM), 6
@@ -30,12 +30,14 @@ def ahead(kind="any_direction", force=None):
         candidates=60,
         work_area=np.array([[0.5, -2.0, 0.0], [3.0, 2.0, 2.5]]),
     )
-    return Ahead.of(ROBOT, request, None if force is None else np.array(force))
+    return CandidateReadings.from_request(ROBOT, request, None if force is None else np.array(force))
 
 
 def known(seed=0, size=0.1):
     root = np.random.default_rng(seed).standard_normal((N, N)) * size / np.sqrt(N)
-    return Known(ARM.compliances, np.outer(ARM.compliances, ARM.compliances) * (root @ root.T), 2.0)
+    return KnownCompliances(
+        ARM.compliances, np.outer(ARM.compliances, ARM.compliances) * (root @ root.T), 2.0
+    )
 
 
 def draws(what, count=4000):
@@ -49,7 +51,9 @@ def test_a_share_of_the_joints_is_that_of_their_intervals():
     np.testing.assert_allclose(found.each, half / 0.2, rtol=0.05)
     assert found.joint == half.argmax()
     assert found.allowed == 0.2
-    nothing = ahead().compare_with_goal(JointsGoal(kind="joints", relative=0.2), Known.nothing(N))
+    nothing = ahead().compare_with_goal(
+        JointsGoal(kind="joints", relative=0.2), KnownCompliances.before_any_reading(N)
+    )
     assert np.isinf(nothing.each).all()
 
 
@@ -126,13 +130,13 @@ def noisy(seed, *, sigma, measurements=None):
 
 def judged(measurements, compliance, row):
     """Compare one reading with all others, as if it were the last."""
-    return innovation(SPRINGS, measurements[np.r_[np.delete(np.arange(12), row), row]], compliance)
+    return compare_last_reading(SPRINGS, measurements[np.r_[np.delete(np.arange(12), row), row]], compliance)
 
 
 @pytest.mark.parametrize("sigma", [SIGMA, None])
 def test_probabilities_of_good_readings_are_evenly_spread(sigma):
     """By chi-square where the noise is stated, else by the ratio to the noise of the others."""
-    found = [innovation(SPRINGS, noisy(seed, sigma=sigma), ARM.compliances) for seed in range(30)]
+    found = [compare_last_reading(SPRINGS, noisy(seed, sigma=sigma), ARM.compliances) for seed in range(30)]
     assert stats.kstest([each.p_value for each in found], "uniform").pvalue > 0.01
     assert sum(each.doubtful for each in found) <= 1
 
@@ -140,10 +144,10 @@ def test_probabilities_of_good_readings_are_evenly_spread(sigma):
 @pytest.mark.parametrize("sigma", [SIGMA, None])
 @pytest.mark.parametrize("count", [1, 3, 9])
 def test_limits_and_probabilities_are_each_others_inverse(sigma, count):
-    expected = Expectation.of(SPRINGS, noisy(0, sigma=sigma), ARM.compliances)
+    expected = Expectation.from_readings(SPRINGS, noisy(0, sigma=sigma), ARM.compliances)
     assert np.isinf(expected.freedom) == (sigma is not None)
     for probability in (0.5, 0.9, 0.999):
-        limit = expected.distance_quantile(probability, count)
+        limit = expected.squared_distance_quantile(probability, count)
         assert expected.exceedance_probability(limit, count) == pytest.approx(1.0 - probability)
         if sigma is None:
             assert limit == pytest.approx(count * stats.f.ppf(probability, count, expected.freedom))
@@ -163,7 +167,7 @@ def test_one_wrong_reading_is_doubtful_and_no_other(sigma, row):
         found = judged(wrong, compliance, row)
         assert found.doubtful
         assert found.causes
-        assert held_out(SPRINGS, wrong, compliance, row).ball_ratio > 1.0
+        assert check_held_out_reading(SPRINGS, wrong, compliance, row).ball_ratio > 1.0
         predicted = np.linalg.norm((1.0 - factor) * linear().deflection[row], axis=1).max()
         assert found.distance == pytest.approx(predicted, rel=0.1)
     for other in range(12):
@@ -178,11 +182,14 @@ def test_an_arm_that_was_not_moved_stood_as_for_an_earlier_reading(stood, row):
     joints[row], labels[row] = EXACT.joints[row], "the last one"
     found = judged(replace(wrong, joints=joints, labels=tuple(labels)), ARM.compliances, row)
     assert found.doubtful
-    assert f"the arm stood as for '{wrong.labels[stood]}'" in found.causes
+    assert f"the arm was in the posture of '{wrong.labels[stood]}'" in found.causes
 
 
 def test_balls_hold_nine_of_ten():
-    inside = [held_out(SPRINGS, noisy(0, sigma=SIGMA), ARM.compliances, row).inside for row in range(12)]
+    inside = [
+        check_held_out_reading(SPRINGS, noisy(0, sigma=SIGMA), ARM.compliances, row).inside
+        for row in range(12)
+    ]
     assert sum(inside) >= stats.binom.ppf(1e-3, 12, 0.9)
 
 

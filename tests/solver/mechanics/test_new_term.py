@@ -80,7 +80,7 @@ def test_it_is_fitted_beside_the_joints(campaign, cell_zero_term):
 def test_it_has_a_line_in_the_budget_and_a_name_in_the_api(campaign, cell_zero_term):
     robot, measurements = campaign
     stated = replace(measurements, common_uncertainty=CommonUncertainty())
-    budget = UncertaintyBudget.of(estimate(robot, stated), 0.95)
+    budget = UncertaintyBudget.from_estimate(estimate(robot, stated), 0.95)
     message = build_budget_message(budget, robot.joint_names, ())
     (part,) = (part for part in message.components if part.source == "cell_zero")
     assert all(0.0 < u < 0.1 / k for u, k in zip(part.contributions, ARM.stiffnesses, strict=True))

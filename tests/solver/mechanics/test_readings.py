@@ -32,9 +32,9 @@ from jointstiff.solver.estimation import identify as iteration
 from jointstiff.solver.estimation.causes import LINKS_LEVEL, screen_estimate
 from jointstiff.solver.estimation.cones import to_vector
 from jointstiff.solver.estimation.estimate import predict
-from jointstiff.solver.integrity import inspect
+from jointstiff.solver.integrity import inspect_measurements
 from jointstiff.solver.links.choice import Folds, list_models_to_compare
-from jointstiff.solver.links.fit import effective_compliances, effective_rows, estimate_elastic
+from jointstiff.solver.links.fit import build_effective_rows, compute_effective_compliances, estimate_elastic
 from jointstiff.solver.links.model import MODELS, WITH_BASE, ElasticColumns, ElasticModel, elastic_blocks
 from jointstiff.solver.mechanics import block as regressor
 from jointstiff.solver.mechanics.block import OwnWeight, regressor_blocks
@@ -100,7 +100,7 @@ def test_covariance_is_that_of_a_linear_function_of_all_readings(method):
 
 @pytest.mark.parametrize("seed", range(10))
 def test_clean_encoders_raise_no_finding(seed):
-    assert not inspect(*prepared(seed=seed), degrees=False)
+    assert not inspect_measurements(*prepared(seed=seed), degrees=False)
 
 
 def test_predicted_deflections_are_those_of_springs_under_a_small_load():
@@ -336,7 +336,9 @@ def test_a_turn_of_the_base_about_the_first_axis_is_joint_1(pedestal):
     about = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     turned = rows[..., COLUMNS.link(BASE)] @ to_vector(np.outer(about, about))
     np.testing.assert_allclose(turned, rows[..., 0], atol=1e-9 * np.abs(rows[..., 0]).max())
-    effective = effective_rows(robot, COLUMNS)[:, COLUMNS.link(BASE)] @ to_vector(np.outer(about, about))
+    effective = build_effective_rows(robot, COLUMNS)[:, COLUMNS.link(BASE)] @ to_vector(
+        np.outer(about, about)
+    )
     np.testing.assert_allclose(effective, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], atol=1e-12)
 
 
@@ -352,7 +354,7 @@ def found(pedestal):
 
 
 def test_base_and_joints_are_found_together(pedestal, found):
-    effective = effective_compliances(pedestal[0], found, 0.95)
+    effective = compute_effective_compliances(pedestal[0], found, 0.95)
     np.testing.assert_allclose(effective.compliance[:3], ARM.compliances[:3], rtol=0.05)
     assert found.base is not None
     assert found.base.parameters == 21
@@ -371,23 +373,23 @@ def test_the_model_predicts_other_postures_and_places(pedestal, found):
     at = Postures(robot, other.joints)
     place = (other.position[:, 0] - at.flange_translation)[:, None] @ at.flange_rotation
     cases = LoadCases(other.joints, other.force, other.moment, other.load_point, place[:, 0])
-    predicted = ElasticPredictor.of(robot, found).deflect(cases)
+    predicted = ElasticPredictor.from_estimate(robot, found).deflect(cases)
     off = np.linalg.norm(predicted.displacement - other.deflection[:, 0], axis=1)
     assert off.mean() < 0.02 * np.linalg.norm(other.deflection[:, 0], axis=1).mean()
 
 
 def test_a_test_speaks_for_a_pedestal_and_links_have_nothing_to_say_beside_it(pedestal):
     screening = screen_estimate(*pedestal, estimate(*pedestal))
-    assert screening.base_speaks
+    assert screening.base_needs_validation
     assert screening.base_p_value < 1e-20
-    assert screening.links_beside_base > LINKS_LEVEL
+    assert screening.links_p_value_with_base > LINKS_LEVEL
     assert list_models_to_compare(screening, None) == ("joints", "joints_and_base")
 
 
 def test_a_clean_arm_has_no_base(pedestal):
     clean = prepare(pedestal_campaign(ARM, np.inf, seed=1))
     screening = screen_estimate(*clean, estimate(*clean))
-    assert not screening.base_speaks
+    assert not screening.base_needs_validation
     assert not WITH_BASE & set(list_models_to_compare(screening, None))
     assert not WITH_BASE & set(list_models_to_compare(screening, "joints_and_links"))
     assert list_models_to_compare(screening, "joints_and_base") == MODELS

@@ -13,7 +13,7 @@ from support.refusals import refused
 from jointstiff.simulator import SpringArm, simulate_campaign
 from jointstiff.simulator.equilibrium import equilibrium
 from jointstiff.solver.mechanics.block import regressor_blocks
-from jointstiff.solver.mechanics.measurements import EncoderReadings, Instrument, refuse_no_covariance
+from jointstiff.solver.mechanics.measurements import EncoderReadings, Instrument, refuse_invalid_covariance
 
 NOISE = "measurement_set.noise"
 OBSERVATIONS = "measurement_set.observations"
@@ -283,11 +283,11 @@ def test_a_covariance_is_symmetric_and_positive_definite_where_a_target_was_read
     covariance = np.broadcast_to(np.eye(3), (2, 2, 3, 3)).copy()
     covariance[1, 1] = matrix
     hidden, read = (np.array([[True, True], [False, present]]) for present in (False, True))
-    refuse_no_covariance(covariance, hidden, "loaded_covariance")
+    refuse_invalid_covariance(covariance, hidden, "loaded_covariance")
     if not is_refused:
-        refuse_no_covariance(covariance, read, "loaded_covariance")
+        refuse_invalid_covariance(covariance, read, "loaded_covariance")
         return
-    assert refused(refuse_no_covariance, covariance, read, "loaded_covariance") == (
+    assert refused(refuse_invalid_covariance, covariance, read, "loaded_covariance") == (
         "observations[1].readings[0].loaded_covariance | the covariance matrix is not symmetric and "
         "positive definite | give the covariance of the three coordinates, axes of R0, in "
         "`units.length` squared"

@@ -276,7 +276,7 @@ def test_the_angles_come_back_among_the_branches(name, crookedness):
     q = np.random.default_rng(1).uniform(-2.8, 2.8, (200, 6))
     poses = flange_poses(robot, q)
     inverse = InverseKinematics(robot)
-    branches = inverse.solutions(poses)[0]
+    branches = inverse.solve(poses)[0]
     turned = np.abs((branches - q[:, None] + np.pi) % (2 * np.pi) - np.pi).max(axis=2)
     far = np.nan_to_num(turned, nan=np.inf).min(axis=1)
     assert np.count_nonzero(far < 1e-8) >= 196  # a few postures are at a singularity

@@ -25,7 +25,7 @@ from jointstiff.simulator.own_weight import Bodies, sag
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.estimation.cones import Block
 from jointstiff.solver.estimation.problem import Bounds, Constraints
-from jointstiff.solver.geometry.poses import PoseState, chain_axes, transformed
+from jointstiff.solver.geometry.poses import PoseState, chain_axes, transform_points
 from jointstiff.solver.mechanics.block import OwnWeight
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.postures import Postures
@@ -208,7 +208,7 @@ def test_readings_that_join_in_count_once_along_a_direction():
 @pytest.mark.parametrize("joints", [(), (6,), (0, -1)])
 def test_a_burden_that_is_none_is_refused(joints):
     readings, bodies = campaign(postures=5), [Body.within("link", j, 1.0, (0.0, 0.0, 0.0)) for j in joints]
-    with pytest.raises(MeasurementError, match="on none of the 6 joints"):
+    with pytest.raises(MeasurementError, match="on none of its 6 joints"):
         replace(readings, burden=Burden(tuple(bodies)), carried=np.ones((5, len(joints))))
     with pytest.raises(MeasurementError, match="shape"):
         replace(readings, force=np.zeros((4, 3)))
@@ -274,7 +274,7 @@ def rows_of(readings, theta=None):
     """Return the rows about the nominal geometry, at a sag of zero if None."""
     axes, flange = chain_axes(ROBOT.chain)
     theta = np.zeros(readings.poses.angles.shape) if theta is None else theta
-    state = PoseState(axes, transformed(flange, POINTS), np.zeros(len(theta)))
+    state = PoseState(axes, transform_points(flange, POINTS), np.zeros(len(theta)))
     return linearise_readings(ROBOT, readings, readings.poses.whitened, state, theta, theta[0])
 
 
@@ -300,7 +300,7 @@ def test_a_centre_of_mass_counts_where_any_of_its_moments_acts():
         ((1, 1, 0, 0), Block(1, ((0, 0.125),)), [0, 1, 2, 3]),
         ((0, 0, 0, 1), Block(0, ((-1, 0.0),)), [1, 2, 3]),
     ):
-        assert burden.block(np.array(acts, dtype=bool)) == (block, which)
+        assert burden.build_block(np.array(acts, dtype=bool)) == (block, which)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from jointstiff.schemas.robot import DhRow
 from jointstiff.simulator import TARGETS, default_arm, equilibrium, torques
 from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign, elastic_deflections
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation.estimate import LeftOut, UncertaintyBudget
+from jointstiff.solver.estimation.estimate import PostureJackknife, UncertaintyBudget
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.problem import Bounds, Constraints
@@ -27,7 +27,7 @@ from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict import models
-from jointstiff.solver.predict.answers import STATUSES, MapTask, map_places, tool_rotations
+from jointstiff.solver.predict.answers import STATUSES, MapTask, compute_tool_rotations, map_places
 from jointstiff.solver.predict.forward import CorrectionLimits, compensate, ramp_shares
 from jointstiff.solver.predict.models import (
     MOST_STEPS,
@@ -187,10 +187,10 @@ def test_a_load_that_cancels_the_spring_is_refused_by_its_case(across):
     force = np.array([[0.0, 100.0, 0.0], [-1.0 / compliance, across, 0.0]])
     still = np.zeros((2, 3))
     load = LoadCases(np.zeros((2, 1)), force, still, still, still)
-    with pytest.raises(RequestError, match="balance") as caught:
+    with pytest.raises(RequestError, match="no stable equilibrium") as caught:
         model.deflect(load)
     assert caught.value.where == "cases[1]"
-    assert model.overloaded(load, Postures(robot, load.joints)).tolist() == [False, True]
+    assert model.find_overloads(load, Postures(robot, load.joints)).tolist() == [False, True]
 
 
 class TestIdentified:
@@ -202,7 +202,7 @@ class TestIdentified:
         if measurements is None:
             measurements = self.design.measurements(self.design.unloaded, self.design.loaded, sigma=SIGMA)
         found = estimate(ROBOT, measurements, complementary_stiffness="included", **options)
-        return JointModel.of(
+        return JointModel.from_estimate(
             ROBOT, found, POSITIVE if options.get("positive", True) else Constraints(Bounds.unconstrained(6))
         )
 
@@ -301,7 +301,7 @@ def links():
     columns = ElasticColumns(6, tuple(range(6)))
     folds = Folds(robot, measurements, columns, np.ones(6, dtype=bool), CrossValidation(folds=3))
     model = ElasticModel("joints_and_links", columns)
-    return ElasticPredictor.of(robot, estimate_elastic(folds, model, 1e-4))
+    return ElasticPredictor.from_estimate(robot, estimate_elastic(folds, model, 1e-4))
 
 
 def exact_beams(joints, cases):
@@ -333,7 +333,7 @@ FREE = np.tile([-np.inf, np.inf], (6, 1))
 
 
 def task(*, directions=((0.0, 0.0, -1.0),), turns=1, force=(0.0, 800.0, 300.0), near=None, limits=FREE):
-    rotation = tool_rotations(np.array([0.0, 0.0, 1.0]), np.array(directions, dtype=float), turns)
+    rotation = compute_tool_rotations(np.array([0.0, 0.0, 1.0]), np.array(directions, dtype=float), turns)
     unit = np.array(force) / np.linalg.norm(force)
     ones = np.ones((len(rotation), 1))
     wrench = ones * force, np.zeros((len(rotation), 3)), ones * unit
@@ -372,7 +372,7 @@ def test_the_stiffest_posture_is_no_softer_than_any_other():
         poses = np.tile(np.eye(4), (3, 1, 1))
         poses[:, :3, :3] = asked.rotation
         poses[:, :3, 3] = place - asked.rotation @ TOOL
-        joints = INVERSE.solutions(poses)[0].reshape(-1, 6)
+        joints = INVERSE.solve(poses)[0].reshape(-1, 6)
         joints = joints[np.isfinite(joints).all(axis=1)]
         joints = joints[((joints >= ROBOT.limits[:, 0]) & (joints <= ROBOT.limits[:, 1])).all(axis=1)]
         others = np.linalg.norm(exact_displacement(asked, joints, [0.0, 800.0, 300.0]), axis=1)
@@ -413,7 +413,7 @@ def test_near_singularities_a_map_keeps_the_branch_or_refuses_the_place():
 def left_out(robot, measurements, method="partial_pose", **options):
     settings = Settings(method, "covariance", Bounds.positive(robot.n), **options)
     estimate = identify(robot, measurements, settings)
-    model = JointModel.of(robot, estimate, settings.constraints)
+    model = JointModel.from_estimate(robot, estimate, settings.constraints)
     return model, leave_postures_out(robot, measurements, settings, estimate, model)
 
 
@@ -424,14 +424,14 @@ def noisy():
 def test_numbers_that_are_not_finite_are_no_dispersion_over_the_postures():
     found = identify(ROBOT, noisy(), Settings("partial_pose", "covariance", Bounds.positive(ROBOT.n)))
     fits = found.compliance * (1.0 + 0.1 * np.random.default_rng(2).standard_normal((30, ROBOT.n)))
-    known = UncertaintyBudget.of(found, 0.95, LeftOut(fits[1:], 30))
+    known = UncertaintyBudget.from_estimate(found, 0.95, PostureJackknife(fits[1:], 30))
     fits[0] = np.inf
-    with_infinite = UncertaintyBudget.of(found, 0.95, LeftOut(fits, 30))
+    with_infinite = UncertaintyBudget.from_estimate(found, 0.95, PostureJackknife(fits, 30))
     for one, other in zip(known.components, with_infinite.components, strict=True):
         np.testing.assert_array_equal(one.covariance, other.covariance)
     assert "model_error" in [part.source for part in known.components]
     nothing = replace(found, covariance=np.full((ROBOT.n, ROBOT.n), np.nan))
-    budget = UncertaintyBudget.of(nothing, 0.95, LeftOut(fits, 30))
+    budget = UncertaintyBudget.from_estimate(nothing, 0.95, PostureJackknife(fits, 30))
     assert "model_error" not in [part.source for part in budget.components]
 
 

@@ -12,7 +12,7 @@ from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.problem import Bounds, Constraints
 from jointstiff.solver.mechanics.inverse import InverseKinematics
-from jointstiff.solver.predict.answers import STATUSES, MapTask, map_places, tool_rotations
+from jointstiff.solver.predict.answers import STATUSES, MapTask, compute_tool_rotations, map_places
 from jointstiff.solver.predict.forward import CorrectionLimits, compensate, ramp_shares
 from jointstiff.solver.predict.models import JointModel, ModelError, leave_postures_out
 
@@ -30,7 +30,7 @@ DOWN = replace(READ, force=np.tile([0.0, 0.0, -1500.0], (len(READ), 1)))
 def of_readings(measurements):
     """Return the model of readings, and its error at postures that are left out."""
     found = identify(ROBOT, measurements, SETTINGS)
-    model = JointModel.of(ROBOT, found, SETTINGS.constraints)
+    model = JointModel.from_estimate(ROBOT, found, SETTINGS.constraints)
     return model, leave_postures_out(ROBOT, measurements, SETTINGS, found, model)
 
 
@@ -89,7 +89,7 @@ def test_the_model_error_is_a_quantile_over_postures_that_were_left_out():
     assert levels == pytest.approx([12.88179, 21.66757, 24.45317, 32.44963], rel=1e-4)
     assert ERROR.quantile(0.99) == np.inf
     assert ERROR.postures == 19
-    assert [ModelError.needed(level) for level in (0.5, 0.9, 0.95, 0.99)] == [1, 9, 19, 99]
+    assert [ModelError.count_needed_postures(level) for level in (0.5, 0.9, 0.95, 0.99)] == [1, 9, 19, 99]
 
 
 def test_few_postures_bound_no_high_confidence():
@@ -139,7 +139,7 @@ AREA = np.array([[9.0, 0.0, 0.0], [1.2, -0.6, 0.4], [1.6, 0.0, 0.9], [2.0, 0.6, 
 def mapped(model, error=None, *, force=(0.0, 800.0, 300.0), turns=2, near=None, limits=FREE):
     """Map the area; return the statuses and what was found."""
     towards = np.array([[0.0, 0.0, -1.0], [0.6, 0.0, -0.8]])
-    rotation = tool_rotations(np.array([0.0, 0.0, 1.0]), towards, turns)
+    rotation = compute_tool_rotations(np.array([0.0, 0.0, 1.0]), towards, turns)
     unit, ones = np.array(force) / np.linalg.norm(force), np.ones((len(rotation), 1))
     wrench = ones * force, np.zeros((len(rotation), 3)), ones * unit
     tool, load_point = np.array([0.0, 0.0, 0.25]), np.array([0.0, 0.0, 0.1])

@@ -48,7 +48,7 @@ class Small(Job):
 
 def compute(inputs: Inputs, request: SmallRequest) -> Work:
     """Return the work of a count."""
-    from jointstiff.service.conversion.readings import hash_of
+    from jointstiff.service.conversion.readings import hash_texts
     from jointstiff.service.kinds.work import QuickWork
 
     prepared = inputs.measured(request.measurement_set_id, "measurement_set_id")
@@ -56,7 +56,7 @@ def compute(inputs: Inputs, request: SmallRequest) -> Work:
     kept = [count for count in counts if count >= request.least]
     return QuickWork(
         result=lambda: SmallResult(observations=len(kept), readings=sum(kept)),
-        input_hash=hash_of(prepared.content, str(request.least)),
+        input_hash=hash_texts(prepared.content, str(request.least)),
         robot_id=prepared.robot_id,
     )
 
@@ -69,7 +69,7 @@ def report(_job: Small, result: SmallResult, _view: View) -> Report:
 
 def counts_sheet(job: Small) -> Sheet:
     """Return the counts."""
-    return Sheet.of_rows([] if job.result is None else [job.result.model_dump()])
+    return Sheet.from_rows([] if job.result is None else [job.result.model_dump()])
 
 
 SMALL: Final = Kind[Small, SmallRequest](
