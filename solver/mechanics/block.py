@@ -10,9 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, fields
-from functools import cached_property
-from typing import Any, ClassVar, Final, NamedTuple
-from weakref import WeakKeyDictionary
+from functools import cached_property, lru_cache
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -235,9 +234,9 @@ BLOCK_LENGTH = 3072
 """Observations per block: its arrays stay in the cache, and numpy's overhead is spread well."""
 
 _MOST_KEPT = 256
-"""Most observations of a set whose regressors are kept as long as the set: they take 1 MB at most."""
-_KEPT: WeakKeyDictionary[Measurements, dict[bool, dict[str, Any]]] = WeakKeyDictionary()
-"""Fields of the last block of each set; the key is whether the block includes K_c."""
+"""Most observations of a set whose block is kept: a block takes 1 MB at most."""
+_BLOCKS_KEPT = 16
+"""Blocks of small sets that are kept in a process, those used last."""
 
 
 def spring_frames(postures: Postures) -> tuple[FloatArray, FloatArray]:
@@ -339,15 +338,15 @@ def whole_block(
     """Return the regressors of a whole set; those of a small set are kept for checks, fit and prediction."""
     if len(measurements.joints) > _MOST_KEPT:
         return _compute_block(robot, measurements, compliance)
-    kept = _KEPT.setdefault(measurements, {})
-    fields = kept.get(compliance is not None)
-    at = None if fields is None else fields["compliance"]
-    same = compliance is None or (at is not None and np.array_equal(at, compliance))
-    if fields is None or fields["robot"] is not robot or not same:
-        block = _compute_block(robot, measurements, compliance)
-        fields = {name: part for name, part in vars(block).items() if name != "measurements"}
-        kept[compliance is not None] = fields
-    return RegressorBlock(measurements=measurements, **fields)
+    return _kept_block(robot, measurements, None if compliance is None else tuple(compliance.tolist()))
+
+
+@lru_cache(maxsize=_BLOCKS_KEPT)
+def _kept_block(
+    robot: Robot, measurements: Measurements, compliance: tuple[float, ...] | None
+) -> RegressorBlock:
+    """Return the regressors of a small set, computed once while they are among those used last."""
+    return _compute_block(robot, measurements, None if compliance is None else np.array(compliance))
 
 
 def unloaded_postures(robot: Robot, measurements: Measurements) -> Postures:
