@@ -80,7 +80,7 @@ def read_urdf(text: str, base: str, flange: str) -> KinematicChain:
         RobotError: the document is no usable robot; the error names the place of the fault and the remedy.
     """
     robot = parse_xml(text)
-    _check_robot(robot)
+    _check_root(robot)
     links = _collect_named(robot, "link", MAX_DOCUMENT_JOINTS + 1)
     if not links:
         raise RobotError("the robot has no link", remedy="add links and joints", where="<robot>")
@@ -147,7 +147,7 @@ def read_inertials(text: str, chain: KinematicChain) -> tuple[Body, ...]:
             centre = frame.placement * np.array(read_numbers(xyz, 3, _ORIGIN["xyz"], frame.name))
             if value < 0.0:
                 return ()
-            if value:
+            if value:  # a link of mass zero is no body
                 bodies.append(Body.within(frame.name, frame.parentJoint - 1, value, tuple(centre.tolist())))
     except RobotError:
         return ()
@@ -165,7 +165,7 @@ class UrdfJoint:
     xyz: tuple[float, ...]  #: origin of the joint's frame in the parent link's frame [m]
     rpy: tuple[float, ...]  #: roll, pitch and yaw about the parent link's fixed axes [rad]
     axis: tuple[float, ...]  #: direction of the axis in the joint's frame
-    limit: dict[str, float]  #: numbers of <limit> by name [rad, m of a prismatic joint]
+    limit: dict[str, float]  #: numbers of <limit> by attribute [rad, or m for a prismatic joint]
     mimics: bool  #: whether the joint follows another joint
 
     @classmethod
@@ -173,7 +173,7 @@ class UrdfJoint:
         """Read a joint of any of the six types, on the chain or off it.
 
         Raises:
-            RobotError: the type is unknown, a child element is given twice, or a number is not valid.
+            RobotError: the type is unknown, a child element occurs twice, or a number or name is not valid.
         """
         place = f"joint '{name}'"
         kind = element.attributes.get("type", "")
@@ -258,7 +258,7 @@ class UrdfJoint:
         )
 
 
-def _check_robot(robot: XmlElement) -> None:
+def _check_root(robot: XmlElement) -> None:
     """Refuse a document whose root is not a single named <robot>, or that has unexpanded xacro.
 
     Raises:
@@ -365,7 +365,7 @@ def _find_path_down(
 
 
 def _map_joints_above(links: Collection[str], joints: Iterable[UrdfJoint]) -> dict[str, UrdfJoint]:
-    """Return the joint that carries each link, by the name of the link; the root link has no joint.
+    """Return the joint that carries each link, as a dictionary by the link's name; without the root link.
 
     Raises:
         RobotError: links and joints are not one tree.
@@ -390,7 +390,8 @@ def _map_joints_above(links: Collection[str], joints: Iterable[UrdfJoint]) -> di
     if len(roots) > 1:
         reason = f"{len(roots)} links have no parent: {_list_names(roots)}"
         raise RobotError(reason, remedy="join all links into one tree with one root", where="<robot>")
-    for link in roots:  # the list grows while it is walked, until it holds all links below the root
+    # The list grows during the loop, until it holds the root and all links below.
+    for link in roots:
         roots.extend(below[link])
     reached = set(roots)
     if cycle := [link for link in links if link not in reached]:
@@ -520,7 +521,7 @@ class _TreeBuilder:
 
 
 def read_numbers(text: str, count: int, largest: float, where: str) -> tuple[float, ...]:
-    """Read exactly `count` decimal numbers separated by spaces.
+    """Read text that has exactly `count` decimal numbers separated by spaces.
 
     Args:
         text: numbers as text, for instance ``"0 0.35 1e-3"``.
@@ -529,8 +530,8 @@ def read_numbers(text: str, count: int, largest: float, where: str) -> tuple[flo
         where: place in the document, for the error.
 
     Raises:
-        RobotError: the count is another, a number has another notation (hexadecimal, underscores, inf, nan,
-            a comma), or its magnitude exceeds `largest`.
+        RobotError: the text has fewer or more numbers, a number is not decimal (hexadecimal, underscores,
+            inf, nan, a comma), or a magnitude exceeds `largest`.
     """
     words = [word for word in _SPACE.split(text) if word]
     if len(words) != count:
