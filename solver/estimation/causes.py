@@ -1,4 +1,4 @@
-"""Causes of what joints alone leave unexplained compete, and gross mistakes are undone (method.md §7, §13).
+"""Causes of deflections that joints alone do not explain, and gross mistakes in the data (method.md §7, §13).
 
 A load point elsewhere, a forgotten force, a load cell's zero, some loads heavier than others, play in the
 gears, a tracker or base that moved: each is a term in addition to the joints, which are fitted with K_c to
@@ -51,12 +51,12 @@ from jointstiff.solver.mechanics.block import (
     RegressorBlock,
     Rows,
     Term,
+    build_rows,
+    build_whitened_rows,
     fitted_errors,
     regressor_blocks,
-    rows_of,
     targets_in_flange,
     unloaded_block,
-    whitened_rows,
 )
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
@@ -112,10 +112,10 @@ class Cause:
 
     suspect: Suspect
     unknowns: FloatArray  #: (k,) fitted values in the term's unit
-    p_value: float  #: p-value of the cause's F test
+    p_value: float  #: p-value of the F test of the cause
     links_p_value: float  #: p-value of the F test of links added to joints and cause
-    compliance: FloatArray  #: (n,) of the joints fitted with it [rad/(N·m)]
-    ratio: float  #: sum of squared residuals with the cause over the sum without
+    compliance: FloatArray  #: (n,) of the joints, fitted together with the cause [rad/(N·m)]
+    ratio: float  #: sum of squared residuals with the cause, over the sum without the cause
     criterion: float  #: Bayesian information criterion; the least is preferred
 
     @property
@@ -208,6 +208,7 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
     suspects = _list_suspects(measurements, block, compliance, before)
     triangles = _Triangles(block, compliance, visible, before, [suspect.term for suspect in suspects])
     links_p_value = triangles.links_p_value()
+    # One p-value for each suspect, then that of the base.
     *p_values, base_p_value = triangles.p_values([*(s.term.name for s in suspects), DIAGONAL_BASE.name])
     # A cause sought by its onset is tested once for each onset that was tried (Bonferroni).
     tests = {s: min(1.0, s.tried * max(s.least_p, p)) for s, p in zip(suspects, p_values, strict=True)}
@@ -215,10 +216,10 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
     causes: list[Cause] = []
     for suspect in ordered:
         if tests[suspect] < MISTAKE_LEVEL / len(suspects):
-            with suppress(SolverError):  # the cause implies loads without a balance: it is no explanation
-                causes.append(_follow_cause(robot, tested, triangles, suspect, tests[suspect]))
+            with suppress(SolverError):  # a cause that implies loads without a balance is no explanation
+                causes.append(_fit_suspected_cause(robot, tested, triangles, suspect, tests[suspect]))
     causes.sort(key=lambda cause: -cause.criterion)
-    # The causes are in order of decreasing criterion, so the best cause of each name stays in the table.
+    # The causes are in order of decreasing criterion, so the best cause of each name overwrites the others.
     best_by_name = {cause.suspect.name: cause for cause in causes}
     best = min((cause.criterion for cause in causes), default=np.inf)
     preferred = tuple(cause for cause in reversed(best_by_name.values()) if cause.criterion <= best + AS_WELL)
@@ -276,7 +277,7 @@ def _subtract_named_causes(
     block = next(regressor_blocks(robot, part))
     rows = Stack.from_blocks([block], [JOINTS], np.zeros(robot.n)).flat
     compliance, _ = solve_nonnegative(rows[:, :-1], rows[:, -1])
-    # A turn includes a shift: from the same observation on only one of the two is fitted.
+    # A turn includes a shift: if both begin at the same observation, only the turn is fitted.
     named = [(name, first) for name, first in named if name != "shift" or ("turn", first) not in named]
     firsts = [first for _, first in named if first is not None]
     known = {(s.name, s.first): s for s in _list_suspects(measurements, block, compliance, (), firsts)}
@@ -330,7 +331,7 @@ def _fit_causes_with_joints(
             by_term = np.split(unknowns, ends)
             size = np.concatenate([np.full(len(each), np.sqrt(np.mean(each**2)) or 1.0) for each in by_term])
         # Set the part of the unknowns that the joints explain equally well to zero.
-        hidden = np.linalg.qr(found.hidden / size[:, None])[0]
+        hidden = np.linalg.qr(found.hidden / size[:, None])[0]  # orthonormal directions in these units
         unknowns = unknowns - size * (hidden @ (hidden.T @ (unknowns / size)))
         root = np.hstack([triangles.sigma * found.root, size[:, None] * hidden])
         determined = found.root.shape[1]
@@ -342,7 +343,7 @@ def _fit_causes_with_joints(
     return fitted
 
 
-def _follow_cause(
+def _fit_suspected_cause(
     robot: Robot, part: Measurements, triangles: _Triangles, suspect: Suspect, p_value: float
 ) -> Cause:
     """Fit a suspected cause together with the joints until convergence.
@@ -361,15 +362,17 @@ def _follow_cause(
         raise SolverError(
             f"{suspect.name} would be negative", where="causes", remedy="look for another cause"
         )
-    left = fitted.triangles.residual_squares()
+    squares = fitted.triangles.residual_squares()
+    # The onset of a cause that sets in later counts as one more unknown.
+    count = fitted.errors.determined + (suspect.first is not None)
     return Cause(
         suspect,
         unknowns,
         p_value,
         fitted.triangles.links_p_value(),
         fitted.compliance,
-        left / triangles.residual_squares(),
-        fitted.triangles.criterion(left, fitted.errors.determined + (suspect.first is not None)),
+        squares / triangles.residual_squares(),
+        fitted.triangles.criterion(squares, count),
     )
 
 
@@ -380,9 +383,9 @@ def _subtract_errors(
     pairs = list(zip(errors.terms, errors.unknowns, strict=True))
     # Errors of the load change the measurements' loads; the motion by all other errors is subtracted.
     for term, values in pairs:
-        if term.under is not None:
-            measurements = term.under(robot, measurements, values)
-    pairs = [(term, values) for term, values in pairs if term.under is None]
+        if term.change_loads is not None:
+            measurements = term.change_loads(robot, measurements, values)
+    pairs = [(term, values) for term, values in pairs if term.change_loads is None]
     if not pairs:
         return measurements
     targets, joints = [], []
@@ -408,7 +411,8 @@ def _list_suspects(
 ) -> list[Suspect]:
     """Return the causes that may have moved the targets and are to be tested.
 
-    Each one has a lower limit of its p-value, so that a single wrong reading cannot make it significant.
+    Each suspect has a lower limit of its p-value, so that a single wrong reading cannot make the suspect
+    significant.
 
     Args:
         measurements: N observations.
@@ -489,11 +493,12 @@ class _OnsetFits:
             rows, stack.read, {"known": q, "residual": 1, "terms": len(names) * k}
         ).trailing_gram_sums
         # Sums of Gram matrices from each observation to the last give the fits for all onsets at once.
-        own = (q + 1 + np.arange(len(names) * k)).reshape(len(names), k)
-        overlap = trailing[:, :q][:, :, own].transpose(2, 0, 1, 3)  # (S, N, q, k)
+        columns_of_term = (q + 1 + np.arange(len(names) * k)).reshape(len(names), k)
+        overlap = trailing[:, :q][:, :, columns_of_term].transpose(2, 0, 1, 3)  # (S, N, q, k)
         # Gram matrix of each term after the known terms have been projected out.
-        projected = trailing[:, own[:, :, None], own[:, None]].transpose(1, 0, 2, 3) - overlap.mT @ overlap
-        self._moment = trailing[:, own, q, None].transpose(1, 0, 2, 3)  # (S, N, k, 1)
+        grams = trailing[:, columns_of_term[:, :, None], columns_of_term[:, None]].transpose(1, 0, 2, 3)
+        projected = grams - overlap.mT @ overlap
+        self._moment = trailing[:, columns_of_term, q, None].transpose(1, 0, 2, 3)  # (S, N, k, 1)
         self._unknowns = np.linalg.solve(projected + INDEPENDENT * np.eye(k), self._moment)
         self._read, self._X = stack.read, X.reshape(len(names), *shape, k)
         self._known, self._left = basis.reshape(*shape, q), residual.reshape(*shape, 1)
@@ -505,9 +510,10 @@ class _OnsetFits:
         return np.asarray(_LEAST_PART + np.argmax(allowed, axis=1))
 
     def p_values_without_best_observation(self, first: IndexArray) -> FloatArray:
-        """Return p-values (S,) of the terms from onsets `first` (S,), leaving out one observation each.
+        """Return p-values (S,) of the terms from onsets `first` (S,), each without one observation.
 
-        The observation that the term explains most is left out, as it may be a single wrong reading.
+        For each term the observation that the term explains best is left out, as the observation may be a
+        single wrong reading.
         """
         count = len(self._read)
         motion = self._X @ self._unknowns[np.arange(len(first)), first][:, None]
@@ -553,12 +559,12 @@ class _Triangles:
         self.compliance = compliance
         self._block, self._visible = block, visible
         self._terms = [JOINTS, *before, *terms, DIAGONAL_LINKS, DIAGONAL_BASE]
-        self.stated = self._compress_rows(whitened_rows)
+        self.stated = self._compress_rows(build_whitened_rows)
 
     @cached_property
     def _equally_weighted(self) -> Triangle:
         """Triangle with equal weights of all readings."""
-        return self._compress_rows(rows_of)
+        return self._compress_rows(build_rows)
 
     def _compress_rows(self, weigh: Callable[..., Rows]) -> Triangle:
         """Return the triangle of all terms, with rows built by `weigh`."""
@@ -572,7 +578,7 @@ class _Triangles:
         Where the p-value with stated weights is above `level`, equal weights are not tried.
         """
         p = test(self.stated)
-        # Readings that share one covariance (3, 3) have equal weights already.
+        # Readings with one common covariance (3, 3) have equal weights already.
         if (p >= level).all() or self._block.measurements.covariance.ndim == 2:
             return p
         return np.where(p >= level, p, np.maximum(p, test(self._equally_weighted)))
@@ -580,9 +586,8 @@ class _Triangles:
     def p_values(self, names: Sequence[str], *others: str) -> list[float]:
         """Return the p-value of each named term added to the joints and to other terms."""
         fitted = (*self.fitted, *others)
-        return [
-            *self._larger_p_values(MISTAKE_LEVEL, lambda triangle: triangle.p_values(names, fitted)).tolist()
-        ]
+        p_values = self._larger_p_values(MISTAKE_LEVEL, lambda triangle: triangle.p_values(names, fitted))
+        return [*p_values.tolist()]
 
     def links_p_value(self, *others: str) -> float:
         """Return the p-value of elastic links added to the joints and to other terms."""
@@ -610,10 +615,10 @@ class _Triangles:
         return max(self.stated.residual_squares(self.fitted), 1e-300)
 
     def criterion(self, squares: float, unknowns: int) -> float:
-        """Return the Bayesian information criterion.
+        """Return the Bayesian information criterion of a fit.
 
         Args:
-            squares: sum of squared residuals.
+            squares: sum of squared residuals of the fit.
             unknowns: number of unknowns in addition to the joints.
         """
         return self.stated.rows * float(np.log(squares)) + unknowns * float(np.log(self.stated.rows))
@@ -705,23 +710,24 @@ def _find_best_alternative(
     freedom = coordinates - robot.n
     if freedom < _LEAST_FREEDOM:
         return None, 1.0
-    # Noise alone gives a ratio of residual sums below `ratio` with probability `FALSE_ALARM` at most.
+    # Noise alone makes a ratio of residual sums fall below `ratio` with probability `FALSE_ALARM` at most.
     quantile = float(special.fdtri(robot.n, freedom, 1.0 - FALSE_ALARM / len(alternatives)))
     ratio = min(LARGEST_RATIO, 1.0 / (1.0 + robot.n * quantile / freedom))
     # Some of the observations select the alternatives to examine.
     preselection = part.select_evenly(
         math.ceil(_PRESELECTION_COORDINATES * robot.n * len(part) / coordinates)
     )
-    rows = _build_rows(robot, preselection, alternatives)
+    rows = _build_alternative_rows(robot, preselection, alternatives)
     as_given, given_compensation = _fit_nonnegative_compliances(rows[0])
     alternatives = [
         a for a, left in zip(alternatives, _bound_residual_sums(rows[1:]), strict=True) if left < as_given
     ]
     if not alternatives:
         return None, given_compensation
-    rows = _build_rows(robot, part, alternatives)
+    rows = _build_alternative_rows(robot, part, alternatives)
     as_given, given_compensation = _fit_nonnegative_compliances(rows[0])
     needed, best = as_given * ratio, None
+    # rows[0] are the data as given, rows[k] those of alternative k − 1.
     for k in (1 + np.flatnonzero(_bound_residual_sums(rows[1:]) < needed)).tolist():
         left, compensation = _fit_nonnegative_compliances(rows[k])
         if left < needed and compensation >= LEAST_COMPENSATION:
@@ -741,7 +747,7 @@ def _find_best_alternative(
 
 @lru_cache
 def _list_alternatives(kinds: tuple[JointKind, ...], targets: int) -> tuple[Alternative, ...]:
-    """Return the single mistakes to compare; only joints of the same kind are exchanged or coupled."""
+    """Return the possible mistakes, one change each; only joints of one kind are exchanged or coupled."""
     n, turning = len(kinds), [j for j, kind in enumerate(kinds) if kind == "revolute"]
     identity, no_offset = np.eye(n), np.zeros(n)
     mistakes: list[Alternative] = []
@@ -781,7 +787,9 @@ def _list_joint_maps(kinds: tuple[JointKind, ...]) -> tuple[Alternative, ...]:
     return tuple(maps)
 
 
-def _build_rows(robot: Robot, given: Measurements, alternatives: Sequence[Alternative]) -> FloatArray:
+def _build_alternative_rows(
+    robot: Robot, given: Measurements, alternatives: Sequence[Alternative]
+) -> FloatArray:
     """Return whitened rows (K + 1, R, n + 1) [A d]: of the measurements as given, then of K alternatives."""
     count, copies = len(given), len(alternatives) + 1
     matrices = np.array([np.eye(robot.n), *(each.matrix for each in alternatives)])
@@ -793,7 +801,7 @@ def _build_rows(robot: Robot, given: Measurements, alternatives: Sequence[Altern
     # Places (N, T, 3) of the targets in the flange frame [m].
     places = np.where(given.in_flange[..., None], given.position, targets_in_flange(robot, given))
     for k, t in enumerate((each.target for each in alternatives), 1):
-        if t is not None:
+        if t is not None:  # the alternative exchanges load point and target
             part = slice(k * count, (k + 1) * count)
             load_point[part] = places[:, t]
             position[part, t] = np.where(given.in_flange[:, t, None], given.load_point, given.position[:, t])

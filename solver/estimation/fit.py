@@ -39,7 +39,7 @@ from jointstiff.solver.estimation.observability import (
 from jointstiff.solver.estimation.problem import Constraints, IdentificationProblem, Scaled
 from jointstiff.solver.estimation.solution import Certificate, Solution, certify, solve, solve_step
 from jointstiff.solver.estimation.triangle import Triangle, compute_triangular_factor
-from jointstiff.solver.mechanics.block import RegressorBlock, whitened_rows
+from jointstiff.solver.mechanics.block import RegressorBlock, build_whitened_rows
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import JOINTS
 
@@ -446,7 +446,7 @@ class TargetRows:
 
     def add(self, block: RegressorBlock) -> None:
         """Add the whitened rows of a block of observations."""
-        rows = whitened_rows(block, [JOINTS], np.zeros(block.robot.n))
+        rows = build_whitened_rows(block, [JOINTS], np.zeros(block.robot.n))
         self._rows.append(rows.targets[block.measurements.present])
         self._present.append(block.measurements.present)
         if rows.encoders is not None:

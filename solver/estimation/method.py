@@ -30,7 +30,7 @@ from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimation.observability import Excitation, Spectrum
 from jointstiff.solver.estimation.problem import Bounds, Constraints, Order
 from jointstiff.solver.estimation.triangle import Triangle
-from jointstiff.solver.mechanics.block import RegressorBlock, Rows, Term, whitened_rows
+from jointstiff.solver.mechanics.block import RegressorBlock, Rows, Term, build_whitened_rows
 from jointstiff.solver.mechanics.measurements import Measurements, whitener
 from jointstiff.solver.mechanics.postures import WRIST_JOINTS, Wrist, find_wrist, skew
 from jointstiff.solver.mechanics.robot import Robot
@@ -321,7 +321,7 @@ class MethodTriangles:
     def add(self, block: RegressorBlock) -> None:
         """Add the rows of a block of observations to all triangles."""
         part = block.measurements
-        whitened = whitened_rows(block, [JOINTS], np.zeros(block.robot.n))
+        whitened = build_whitened_rows(block, [JOINTS], np.zeros(block.robot.n))
         self.all_readings.add(whitened.targets, count=int(part.coordinates.sum()))
         if part.encoders is not None and whitened.encoders is not None:
             self.all_readings.add(whitened.encoders, count=int(part.encoders.present.sum()))
@@ -366,7 +366,7 @@ class MethodTriangles:
         n = len(self.method.joint_names)
         moments: list[FloatArray | float] = [0.0] * len(self.stages)
         for block in blocks:
-            whitened = whitened_rows(block, [JOINTS, *terms], compliance)
+            whitened = build_whitened_rows(block, [JOINTS, *terms], compliance)
             for s, rows in enumerate(self.method.rows(block, whitened)):
                 flat = rows.fitted.reshape(-1, rows.fitted.shape[-1])
                 moments[s] = moments[s] + flat[:, :n].T @ flat[:, n:-1]
@@ -477,7 +477,7 @@ def find_length_of_least_condition(
     n = len(null)
     parts = Triangle(joints=n), Triangle(joints=n)
     for block in blocks:
-        (rows,) = method.rows(block, whitened_rows(block, [JOINTS], np.zeros(n)))
+        (rows,) = method.rows(block, build_whitened_rows(block, [JOINTS], np.zeros(n)))
         parts[0].add(rows.fitted[:, :3])
         parts[1].add(rows.fitted[:, 3:])
     linear, angular = (part.matrix[:, ~null] for part in parts)

@@ -31,7 +31,7 @@ from jointstiff.solver.estimation.observability import NULL_COLUMN, Excitation, 
 from jointstiff.solver.estimation.problem import Bounds, IdentificationProblem
 from jointstiff.solver.estimation.solution import solve_batch, solve_step
 from jointstiff.solver.estimation.stack import Stack
-from jointstiff.solver.mechanics.block import regressor_blocks, whitened_rows
+from jointstiff.solver.mechanics.block import build_whitened_rows, regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import JOINTS
@@ -119,7 +119,7 @@ def build_method_stacks(
     fitted, regressors, deflections = [], [], []
     for block in regressor_blocks(robot, measurements, estimate.balanced):
         excitation.add(block)
-        whitened = whitened_rows(block, [JOINTS], estimate.compliance)
+        whitened = build_whitened_rows(block, [JOINTS], estimate.compliance)
         fitted.append([rows.fitted for rows in method.rows(block, whitened)])
         present = block.measurements.present
         regressors.append(block.A[present])

@@ -15,7 +15,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.estimation.triangle import Triangle, orthonormal_basis, unit_columns
-from jointstiff.solver.mechanics.block import RegressorBlock, Rows, Term, whitened_rows
+from jointstiff.solver.mechanics.block import RegressorBlock, Rows, Term, build_whitened_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class Stack:
         blocks: Iterable[RegressorBlock],
         terms: Sequence[Term],
         compliance: FloatArray,
-        weigh: Callable[..., Rows] = whitened_rows,
+        weigh: Callable[..., Rows] = build_whitened_rows,
     ) -> Stack:
         """Build the stack of the targets' rows; rows of encoders are left out.
 
@@ -41,7 +41,7 @@ class Stack:
             blocks: N observations of T targets.
             terms: effects that may have moved the targets; each gives some columns.
             compliance: (n,) joint compliances at which the columns are computed [rad/(N·m)].
-            weigh: function that builds the rows: `whitened_rows`, or `rows_of` for equal weights.
+            weigh: function that builds the rows: `build_whitened_rows`, or `build_rows` for equal weights.
         """
         parts, read, widths = [], [], dict[str, int]()
         for block in blocks:

@@ -42,7 +42,7 @@ from jointstiff.solver.estimation.method import DEFAULT_THRESHOLD
 from jointstiff.solver.estimation.problem import Bounds, IdentificationProblem
 from jointstiff.solver.estimation.solution import solve_step
 from jointstiff.solver.estimation.triangle import Triangle, compute_triangular_factor
-from jointstiff.solver.mechanics.block import RegressorBlock, Term, regressor_blocks, rows_of
+from jointstiff.solver.mechanics.block import RegressorBlock, Term, build_rows, regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements, whitened
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import (
@@ -221,7 +221,7 @@ def elastic_blocks(
     """Yield blocks of observations, each with rows (B, T, 3, P + 1): columns of the model, then readings."""
     for start in range(0, len(measurements), _BLOCK):
         for block in regressor_blocks(robot, measurements[start : start + _BLOCK]):
-            yield block, rows_of(block, columns.terms, np.zeros(robot.n)).targets
+            yield block, build_rows(block, columns.terms, np.zeros(robot.n)).targets
 
 
 MODELS: Final[tuple[ModelName, ...]] = (

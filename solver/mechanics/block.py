@@ -454,7 +454,7 @@ class Term:
     prior: Callable[[CommonUncertainty], tuple[float, ...]] = nothing_stated
     suspected: bool = False  #: whether it is tested as a cause of what the joints leave unexplained
     #: function that returns measurements with loads changed by the unknowns; None if targets move directly
-    under: Callable[[Robot, Measurements, FloatArray], Measurements] | None = None
+    change_loads: Callable[[Robot, Measurements, FloatArray], Measurements] | None = None
     nonnegative: bool = False  #: whether its unknowns cannot be negative
     words: str = ""  #: description of the cause for messages, with a place {} for its unknowns
     remedy: str = ""  #: what to check or to read to confirm the cause
@@ -500,7 +500,7 @@ def move_by_torque(block: RegressorBlock, compliance: FloatArray, torque: FloatA
     return Motion(block.jacobian @ joint_turns[:, None], joint_turns)
 
 
-def rows_of(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray) -> Rows:
+def build_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray) -> Rows:
     """Return the least-squares rows of a block: the columns of all terms, then a column of readings.
 
     The columns of terms that are errors depend on the compliance (n,) of the joints [rad/(N·m)].
@@ -523,11 +523,11 @@ def rows_of(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray
     return Rows(targets, np.where(part.encoders.present[..., None], encoders, 0.0), widths)
 
 
-def whitened_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray) -> Rows:
+def build_whitened_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray) -> Rows:
     """Return the least-squares rows of a block, whitened: the noise of each row has variance sigma².
 
     The deflection of an encoder is a difference of two readings, with variance 2 σ_e² (method.md §2).
     """
-    rows, part = rows_of(block, terms, compliance), block.measurements
+    rows, part = build_rows(block, terms, compliance), block.measurements
     encoders = None if rows.encoders is None else part.encoder_lever / np.sqrt(2.0) * rows.encoders
     return rows._replace(targets=whitened(part.covariance, rows.targets), encoders=encoders)

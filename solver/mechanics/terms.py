@@ -100,7 +100,7 @@ LOAD_POINT = Term(
     _move_load_point,
     partial(_stated_uncertainties, ("load_point",)),
     suspected=True,
-    under=_with_load_point,
+    change_loads=_with_load_point,
     words="every load point moved by {} in the flange frame",
     remedy="measure the load point on the flange",
 )
@@ -111,7 +111,7 @@ CONSTANT_FORCE = Term(
     "N",
     _add_constant_force,
     suspected=True,
-    under=_with_force,
+    change_loads=_with_force,
     words="a constant force of {} (axes of R0) added to every load",
     remedy="check for a weight that hangs on the flange only while loaded, and the load cell's zero",
 )
@@ -120,7 +120,7 @@ LOAD_ZERO = Term(
     "N",
     _add_flange_force,
     suspected=True,
-    under=_with_flange_force,
+    change_loads=_with_flange_force,
     words="a constant force of {} (axes of the flange) added to every load",
     remedy="read the load cell without load in two postures",
 )
@@ -155,7 +155,7 @@ def build_load_scale_term(groups: Collection[Collection[str]]) -> Term:
         "1",
         partial(_scale_groups, listed),
         suspected=True,
-        under=partial(_with_scaled_groups, listed),
+        change_loads=partial(_with_scaled_groups, listed),
         words="relative load errors of {}, one for each group of loads,",
         remedy="weigh the loads, or check the load cell against one of them",
     )
