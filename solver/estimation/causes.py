@@ -566,9 +566,9 @@ class _Triangles:
         """Triangle with equal weights of all readings."""
         return self._compress_rows(build_rows)
 
-    def _compress_rows(self, weigh: Callable[..., Rows]) -> Triangle:
-        """Return the triangle of all terms, with rows built by `weigh`."""
-        triangle = Stack.from_blocks([self._block], self._terms, self.compliance, weigh).triangle()
+    def _compress_rows(self, build: Callable[..., Rows]) -> Triangle:
+        """Return the triangle of all terms, with rows built by `build`."""
+        triangle = Stack.from_blocks([self._block], self._terms, self.compliance, build).triangle()
         triangle.span[JOINTS.name] = np.flatnonzero(self._visible)
         return triangle
 

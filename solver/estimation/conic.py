@@ -534,8 +534,8 @@ class MassCones:
 
         (c, ζ, ν)   with   0 ≤ c ≤ cap,   |ζ_k| ≤ c,   ‖ν_g‖ ≤ c + ratio_g ζ_k(g)
 
-    ζ_k is c times a mass's deviation from the middle of the mass's bounds, ν_g (3,) c times a first moment's.
-    The mass k(g) changes the radius of ball g; see `Block.balls`.
+    ζ_k is c times the deviation of a mass, or of a balancer's constant, from the middle of the bounds. ν_g
+    (3,) is c times mass times displacement of a centre of mass. The radius of ball g grows with mass k(g).
     """
 
     blocks: tuple[Block, ...]  #: one for each joint

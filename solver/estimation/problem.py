@@ -89,8 +89,8 @@ class Bounds:
         A free parameter outside its bounds goes to the bound; a parameter at a bound is freed if the sign of
         its multiplier is wrong. Rounds may cycle; the certificate of the outcome then detects the failure.
         """
-        pull = np.where(active == LOWER, gradient, np.where(active == UPPER, -gradient, 1.0))
-        freed = np.where(pull < 0, FREE, active)
+        multiplier = np.where(active == LOWER, gradient, np.where(active == UPPER, -gradient, 1.0))
+        freed = np.where(multiplier < 0, FREE, active)
         return np.where(x < self.lower, LOWER, np.where(x > self.upper, UPPER, freed)).astype(np.int8)
 
     def gradient_violation(self, x: FloatArray, gradient: FloatArray) -> FloatArray:
@@ -114,8 +114,8 @@ class Inequalities:
 class Constraints:
     """Bounds on the compliances and an order among them.
 
-    The constructor tightens the bounds by the order: ``c_i ≤ c_j`` makes the lower bound of i a lower bound
-    of j, and the upper bound of j an upper bound of i. So some c within all constraints reaches each bound.
+    The constructor tightens the bounds: ``c_i ≤ c_j`` makes the lower bound of i a lower bound of j, and the
+    upper bound of j an upper bound of i. Each bound is then reached by some c within all constraints.
 
     Raises:
         RequestError: if the order goes round in a circle, or contradicts the bounds.
@@ -189,7 +189,7 @@ class Constraints:
         return Constraints(Bounds(lower, upper), self.order).select(others)
 
     def are_satisfied_by(self, compliance: FloatArray) -> BoolArray:
-        """Return whether compliances (..., n) satisfy all constraints, as an array (...) of booleans."""
+        """Return a mask (...) of compliances (..., n) that satisfy all constraints."""
         inside = ((self.bounds.lower <= compliance) & (compliance <= self.bounds.upper)).all(axis=-1)
         for i, j in self.order:
             inside &= compliance[..., i] <= compliance[..., j]
@@ -348,19 +348,19 @@ class Scaled:
 
         Args:
             active: (k,) whether each row holds with equality.
-            near: (n,) point; where the optimum is not unique, the optimum nearest to it is returned.
+            near: (n,) point; where the optimum is not unique, the optimum nearest to this point is returned.
         """
         G, h = self.rows
         rows, values = G[active], h[active]
         x = near
-        along = np.eye(len(x))
+        along = np.eye(len(x))  # directions in which the active rows do not change
         if len(rows):
             U, singular, Vt = np.linalg.svd(rows, full_matrices=True)
             rank = int((singular > _NO_DIRECTION * singular[0]).sum())
             x = x + Vt[:rank].T @ ((U[:, :rank].T @ (values - rows @ x)) / singular[:rank])
             along = Vt[rank:].T
-        # Two steps: nearly parallel rows may have moved x far away, and the second step removes the rounding
-        # that the first one leaves.
+        # Two steps: nearly parallel rows may have moved x far away; the second step removes the rounding
+        # error of the first step.
         for _ in range(2 if along.shape[1] else 0):
             step = np.linalg.lstsq(self.A @ along, self.b - self.A @ x, rcond=_NO_DIRECTION)[0]
             x = x + along @ step

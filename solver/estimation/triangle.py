@@ -2,8 +2,8 @@
 
 For rows M = [A d] the triangle T satisfies ``Tᵀ T = Mᵀ M``, so ``‖A x − d‖ = ‖T (x, −1)‖`` for every x: a
 fit, an F test and an order of two campaigns need nothing else of the readings. Householder QR is backward
-stable column by column: columns of very different scale do not disturb each other, which the normal equations
-would let them. This module alone compresses rows.
+stable column by column: columns of very different scale do not disturb each other, as they would in normal
+equations. This module alone compresses rows.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ readings can distinguish the load from the joints."""
 _NULL: Final = 1e-9
 """Length of a column, relative to the longest column, up to which the column is rounding."""
 _RESOLUTION: Final = 1e-7
-"""Residual [m] of a coordinate below which nothing is left to explain."""
+"""Residual [m] of a coordinate below which residuals count as rounding, with nothing to explain."""
 
 
 def compute_triangular_factor(rows: FloatArray) -> FloatArray:
@@ -120,9 +120,9 @@ class Triangle:
         """
         known, tested = orthonormal_basis(self.unit_columns(fitted)), self.unit_columns(names)
         d = self.rhs - known @ (known.T @ self.rhs)
-        left = tested - known @ (known.T @ tested)
+        projected = tested - known @ (known.T @ tested)
         columns = stack_padded(
-            np.split(left, np.cumsum([len(self.span[name]) for name in names])[:-1], axis=1)
+            np.split(projected, np.cumsum([len(self.span[name]) for name in names])[:-1], axis=1)
         )
         U, s, _ = np.linalg.svd(columns, full_matrices=False)
         counted = (s > least) & (np.arange(s.shape[1]) < (s.shape[1] if most is None else most))
@@ -169,8 +169,8 @@ class Triangle:
         unit, length = unit_columns(self.R[:, np.concatenate([self.span[name] for name in names])])
         U, s, Vt = np.linalg.svd(unit, full_matrices=False)
         seen = s > least
-        along = U[:, seen].T @ (self.rhs - self.matrix @ others)
-        return np.asarray(Vt[seen].T @ (along / s[seen]) / length)
+        coefficients = U[:, seen].T @ (self.rhs - self.matrix @ others)
+        return np.asarray(Vt[seen].T @ (coefficients / s[seen]) / length)
 
     def fit_with_prior(self, deviation: FloatArray, variance: float) -> PriorFit:
         """Fit all terms by least squares with a Gaussian prior of mean zero on every unknown.
@@ -187,8 +187,8 @@ class Triangle:
         M = np.vstack([self.matrix * deviation, np.sqrt(variance) * np.eye(len(deviation))])
         x, *_ = np.linalg.lstsq(M, np.concatenate([self.rhs, np.zeros(len(deviation))]), rcond=None)
         inverse = np.linalg.solve(np.linalg.qr(M, mode="r"), np.eye(len(deviation)))
-        left = float(np.square(self.matrix @ (deviation * x) - self.rhs).sum())
-        return PriorFit(deviation * x, np.sqrt(variance) * deviation[:, None] * inverse, left)
+        squares = float(np.square(self.matrix @ (deviation * x) - self.rhs).sum())
+        return PriorFit(deviation * x, np.sqrt(variance) * deviation[:, None] * inverse, squares)
 
     def fit_with(self, names: Sequence[str], known: str = "joints") -> TermsFit:
         """Fit the named terms together with the term `known`, by least squares without bounds.
@@ -198,8 +198,8 @@ class Triangle:
         columns, d = self.R[:, self.span[known]], self.R[:, -1]
         unit, length = unit_columns(self.R[:, np.concatenate([self.span[name] for name in names])])
         known_unit, scale = unit_columns(columns)
-        certain = orthonormal_basis(known_unit)
-        U, s, Vt = np.linalg.svd(unit - certain @ (certain.T @ unit), full_matrices=False)
+        basis = orthonormal_basis(known_unit)
+        U, s, Vt = np.linalg.svd(unit - basis @ (basis.T @ unit), full_matrices=False)
         distinct = s > DISTINCT
         root = Vt[distinct].T / s[distinct]
         step = root @ (U[:, distinct].T @ d)
@@ -250,8 +250,8 @@ def solve_nonnegative(columns: FloatArray, rhs: FloatArray) -> tuple[FloatArray,
     length = np.linalg.norm(columns, axis=0)
     seen = length > _NULL * length.max(initial=0.0)
     unit = np.where(seen, length, 1.0)
-    x, left = optimize.nnls(np.where(seen, columns / unit, 0.0), rhs)
-    return x / unit, float(left)
+    x, residual_length = optimize.nnls(np.where(seen, columns / unit, 0.0), rhs)
+    return x / unit, float(residual_length)
 
 
 def orthonormal_basis(columns: FloatArray, least: float = INDEPENDENT) -> FloatArray:
