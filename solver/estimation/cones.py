@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.mechanics.springs import entries, weights
+from jointstiff.solver.mechanics.springs import triangle_indices, triangle_weights
 
 
 def find_diagonal_entries(size: int) -> IndexArray:
     """Return the indices (size,) of a matrix's diagonal entries in the vector of its upper triangle."""
-    rows, columns = entries(size)
+    rows, columns = triangle_indices(size)
     return np.flatnonzero(rows == columns)
 
 
@@ -25,9 +25,9 @@ def to_matrix(vector: FloatArray, size: int) -> FloatArray:
 
     A vector has the upper triangle column by column, with off-diagonal entries times √2.
     """
-    rows, columns = entries(size)
+    rows, columns = triangle_indices(size)
     out = np.empty((*vector.shape[:-1], size, size))
-    out[..., rows, columns] = out[..., columns, rows] = vector / weights(size)
+    out[..., rows, columns] = out[..., columns, rows] = vector / triangle_weights(size)
     return out
 
 
@@ -37,8 +37,8 @@ def to_vector(matrix: FloatArray) -> FloatArray:
     A vector has the upper triangle column by column, with off-diagonal entries times √2.
     """
     size = matrix.shape[-1]
-    rows, columns = entries(size)
-    return np.asarray(matrix[..., rows, columns] * weights(size))
+    rows, columns = triangle_indices(size)
+    return np.asarray(matrix[..., rows, columns] * triangle_weights(size))
 
 
 def lift_diagonal(vector: FloatArray, size: int) -> FloatArray:

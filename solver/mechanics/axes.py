@@ -54,7 +54,7 @@ class DisplacedAxis:
             flange=carried[:, :, -1] + behind,
         )
 
-    def at(self, points: FloatArray) -> FloatArray:
+    def differentiate_points(self, points: FloatArray) -> FloatArray:
         """Return the derivative (B, T, 3, k) [m per unit] of points (B, T, 3) [m, R0] fixed to the flange."""
         v, w = self.flange[:, None, :3], self.flange[:, None, 3:]  # velocity at R0's origin, and rotation
         return np.asarray(v + np.cross(w, points[..., None], axis=2))
@@ -72,7 +72,7 @@ def differentiate_torque(
     place = postures.to_base(part.load_point[:, None])
     moved_axes = DisplacedAxis.differentiate(postures, joint, across, no_motion)
     force, moment = part.force, part.moment + np.cross(place[:, 0], part.force)
-    by_lever = np.cross(moved_axes.at(place)[:, 0], force[..., None], axis=1)  # (B, 3, k)
+    by_lever = np.cross(moved_axes.differentiate_points(place)[:, 0], force[..., None], axis=1)  # (B, 3, k)
     torque = np.einsum("binm,bi->bnm", moved_axes.linear, force) + np.einsum(
         "binm,bi->bnm", moved_axes.angular, moment
     )
@@ -104,7 +104,7 @@ def differentiate_deflection(
     if balanced is None:  # the block neglects the complementary stiffness
         torque = differentiate_torque(block, postures, joint, across)
         moved_axes = DisplacedAxis.differentiate(postures, joint, across, 0.0 * torque)
-        points = np.where(on_flange, moved_axes.at(block.points), 0.0)
+        points = np.where(on_flange, moved_axes.differentiate_points(block.points), 0.0)
     else:
         unloaded = unloaded_postures(block.robot, part)
         loaded = Postures(block.robot, unloaded.q + balanced * block.torque)
@@ -113,9 +113,13 @@ def differentiate_deflection(
         direct = differentiate_torque(block, loaded, joint, across)  # ∂τ, joints at rest
         torque = np.asarray(np.linalg.solve(np.eye(len(balanced)) - stiffness * balanced, direct))
         moved_axes = DisplacedAxis.differentiate(postures, joint, across, 0.5 * balanced[:, None] * torque)
-        read = DisplacedAxis.differentiate(unloaded, joint, across, 0.0 * torque).at(part.position)
+        read = DisplacedAxis.differentiate(unloaded, joint, across, 0.0 * torque).differentiate_points(
+            part.position
+        )
         turn = postures.flange_rotation @ unloaded.flange_rotation.mT
-        points = moved_axes.at(block.points) - np.where(on_flange, 0.0, turn[:, None] @ read)
+        points = moved_axes.differentiate_points(block.points) - np.where(
+            on_flange, 0.0, turn[:, None] @ read
+        )
     turns = compliance * block.torque  # (B, n)
     linear, angular = (
         np.einsum("binm,bn->bim", each, turns) for each in (moved_axes.linear, moved_axes.angular)

@@ -433,7 +433,7 @@ class Motion(NamedTuple):
     joints: FloatArray | None = None
 
 
-def nothing_stated(_: CommonUncertainty) -> tuple[float, ...]:
+def return_no_uncertainty(_: CommonUncertainty) -> tuple[float, ...]:
     """Return no standard uncertainty, for a term whose uncertainty is never stated with the readings."""
     return ()
 
@@ -451,7 +451,7 @@ class Term:
     #: function that returns the motion per unit of its unknowns, at joint compliances (n,) [rad/(N·m)]
     motion: Callable[[RegressorBlock, FloatArray], Motion]
     #: function that returns the stated standard uncertainties, which repeat over the unknowns; may be empty
-    prior: Callable[[CommonUncertainty], tuple[float, ...]] = nothing_stated
+    prior: Callable[[CommonUncertainty], tuple[float, ...]] = return_no_uncertainty
     suspected: bool = False  #: whether it is tested as a cause of what the joints leave unexplained
     #: function that returns measurements with loads changed by the unknowns; None if targets move directly
     change_loads: Callable[[Robot, Measurements, FloatArray], Measurements] | None = None

@@ -44,7 +44,7 @@ BASE: Final = -1
 
 
 @lru_cache(maxsize=64)
-def entries(size: int) -> tuple[IndexArray, IndexArray]:
+def triangle_indices(size: int) -> tuple[IndexArray, IndexArray]:
     """Return the row indices and the column indices of the upper triangle of a symmetric matrix.
 
     The ``size · (size + 1) / 2`` entries of the triangle are in the order (0,0), (0,1), (1,1), (0,2), …, that
@@ -57,12 +57,12 @@ def entries(size: int) -> tuple[IndexArray, IndexArray]:
 
 
 @lru_cache(maxsize=64)
-def weights(size: int) -> FloatArray:
+def triangle_weights(size: int) -> FloatArray:
     """Return the factors of a symmetric matrix's entries as a vector: 1 on the diagonal, √2 elsewhere.
 
     With these factors, the inner product of two vectors equals the inner product of their matrices.
     """
-    rows, columns = entries(size)
+    rows, columns = triangle_indices(size)
     weights: FloatArray = np.where(rows == columns, 1.0, np.sqrt(2.0))
     weights.setflags(write=False)
     return weights
@@ -72,13 +72,13 @@ def differentiate_bilinear_form(moves: FloatArray, load: FloatArray) -> FloatArr
     """Return the derivative of ``movesᵀ C load`` with respect to the entries of a symmetric matrix C (k, k).
 
     `moves` and `load` are (..., k), the derivative is (..., k (k + 1) / 2). The entries are those of the
-    upper triangle of C, in the order of `entries`, with entries off the diagonal times √2.
+    upper triangle of C, in the order of `triangle_indices`, with entries off the diagonal times √2.
     """
     size = moves.shape[-1]
-    i, j = entries(size)
+    i, j = triangle_indices(size)
     # An entry of the vector off the diagonal represents two entries of the matrix, each 1/√2 as large.
     both: FloatArray = moves[..., i] * load[..., j] + moves[..., j] * load[..., i]
-    return both * np.where(i == j, 0.5, 1.0 / weights(size))
+    return both * np.where(i == j, 0.5, 1.0 / triangle_weights(size))
 
 
 def _bend_coupled_joints(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001  # linear
@@ -108,7 +108,7 @@ DIAGONAL_BASE = Term("base", "m/N, rad/(N·m)", partial(_bend_links_diagonally, 
 FULL_BASE = Term("full_base", "m/N, rad/(N·m)", partial(_bend_links, (BASE,)))
 
 
-def links_behind(frames: tuple[int, ...]) -> Term:
+def build_links_term(frames: tuple[int, ...]) -> Term:
     """Return the term of full compliances (6, 6) of the links behind joints with these indices.
 
     The index `BASE` means the base.

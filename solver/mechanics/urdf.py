@@ -131,17 +131,17 @@ def read_inertials(text: str, chain: KinematicChain) -> tuple[Body, ...]:
         text: the URDF document.
         chain: the chain that `read_urdf` read from the document.
     """
-    links = {link.attributes.get("name", ""): link for link in parse_xml(text).named("link")}
+    links = {link.attributes.get("name", ""): link for link in parse_xml(text).find_children("link")}
     bodies = []
     try:
         for frame in chain.model().frames:
             if frame.type != pin.FrameType.BODY or frame.parentJoint == 0:
                 continue
-            inertial = links[frame.name].only("inertial", frame.name)
-            mass = None if inertial is None else inertial.only("mass", frame.name)
+            inertial = links[frame.name].find_only_child("inertial", frame.name)
+            mass = None if inertial is None else inertial.find_only_child("mass", frame.name)
             if inertial is None or mass is None:
                 continue
-            origin = inertial.only("origin", frame.name)
+            origin = inertial.find_only_child("origin", frame.name)
             xyz = "0 0 0" if origin is None else origin.attributes.get("xyz", "0 0 0")
             (value,) = read_numbers(mass.attributes.get("value", ""), 1, _LARGEST_MASS, frame.name)
             centre = frame.placement * np.array(read_numbers(xyz, 3, _ORIGIN["xyz"], frame.name))
@@ -182,10 +182,10 @@ class UrdfJoint:
             raise RobotError(f"unknown joint type {quote(kind)}", remedy=remedy, where=place)
         origin = _read_triples(element, "origin", _ORIGIN, place)
         axis = _read_triples(element, "axis", _AXIS, place)
-        if not axis and element.named("axis"):
+        if not axis and element.find_children("axis"):
             remedy = "add the attribute xyz"
             raise RobotError("the <axis> has no attribute xyz", remedy=remedy, where=f"{place} <axis>")
-        limit = element.only("limit", place)
+        limit = element.find_only_child("limit", place)
         limits: dict[str, float] = {
             key: read_numbers(limit.attributes[key], 1, _LARGEST_LIMIT, f"{place} <limit> {key}")[0]
             for key in ("lower", "upper", "effort", "velocity")
@@ -193,7 +193,7 @@ class UrdfJoint:
         }
         links = {}
         for role in ("parent", "child"):
-            link = element.only(role, place)
+            link = element.find_only_child(role, place)
             links[role] = link.attributes.get("link", "") if link else ""
             check_name(links[role], f"{place} <{role}>")
         return cls(
@@ -205,7 +205,7 @@ class UrdfJoint:
             rpy=origin.get("rpy", _ZERO),
             axis=axis.get("xyz", _DEFAULT_AXIS),
             limit=limits,
-            mimics=bool(element.named("mimic")),
+            mimics=bool(element.find_children("mimic")),
         )
 
     def to_chain_joint(self) -> ChainJoint:
@@ -278,7 +278,7 @@ def _check_root(robot: XmlElement) -> None:
         reason = f"the root element is <{robot.tag[:40]}>, not <robot>"
         remedy = "send a URDF document, not SDF or MJCF"
         raise RobotError(reason, remedy=remedy, where=f"line {robot.line}")
-    if nested := robot.named("robot"):
+    if nested := robot.find_children("robot"):
         reason, remedy = "there is a second <robot> within the first", "send one robot per document"
         raise RobotError(reason, remedy=remedy, where=f"line {nested[0].line}")
     check_name(robot.attributes.get("name", ""), "<robot>")
@@ -290,7 +290,7 @@ def _collect_named(robot: XmlElement, tag: str, most: int) -> dict[str, XmlEleme
     Raises:
         RobotError: there are more than `most`, or a name is empty, unfit or used twice.
     """
-    elements = robot.named(tag)
+    elements = robot.find_children(tag)
     if len(elements) > most:
         remedy = f"at most {most} are supported: send only the arm"
         raise RobotError(f"the robot has {len(elements)} {tag}s", remedy=remedy, where="<robot>")
@@ -313,7 +313,7 @@ def _read_triples(
     Raises:
         RobotError: an attribute is not among those of `largest`, or a number is not valid or too large.
     """
-    element = parent.only(tag, place)
+    element = parent.find_only_child(tag, place)
     if element is None:
         return {}
     if unknown := element.attributes.keys() - largest.keys():
@@ -418,17 +418,17 @@ class XmlElement:
     line: int  #: line of the document on which it opens, from 1
     children: list[XmlElement] = field(default_factory=list)  #: elements directly within, in order
 
-    def named(self, tag: str) -> list[XmlElement]:
+    def find_children(self, tag: str) -> list[XmlElement]:
         """Return the children with this tag, in order."""
         return [child for child in self.children if child.tag == tag]
 
-    def only(self, tag: str, place: str) -> XmlElement | None:
+    def find_only_child(self, tag: str, place: str) -> XmlElement | None:
         """Return the only child with this tag, or None.
 
         Raises:
             RobotError: there are several children with this tag; other programs silently use the first.
         """
-        children = self.named(tag)
+        children = self.find_children(tag)
         if len(children) > 1:
             reason = f"<{tag}> is given {len(children)} times"
             raise RobotError(reason, remedy="keep one of them", where=f"{place} <{tag}>")
