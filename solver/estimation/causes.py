@@ -204,9 +204,9 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
         block = next(regressor_blocks(robot, tested, bending_compliance))
     except SolverError:  # no balance under the load: the assessment reports that elsewhere
         return Screening(1.0, (), ())
-    before, visible = fitted_errors(measurements).terms, ~estimate.observability.null
-    suspects = _list_suspects(measurements, block, compliance, before)
-    triangles = _Triangles(block, compliance, visible, before, [suspect.term for suspect in suspects])
+    always_fitted, visible = fitted_errors(measurements).terms, ~estimate.observability.null
+    suspects = _list_suspects(measurements, block, compliance, always_fitted)
+    triangles = _Triangles(block, compliance, visible, always_fitted, [suspect.term for suspect in suspects])
     links_p_value = triangles.links_p_value()
     # One p-value for each suspect, then that of the base.
     *p_values, base_p_value = triangles.p_values([*(s.term.name for s in suspects), DIAGONAL_BASE.name])
@@ -218,18 +218,11 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
         if tests[suspect] < MISTAKE_LEVEL / len(suspects):
             with suppress(SolverError):  # a cause that implies loads without a balance is no explanation
                 causes.append(_fit_suspected_cause(robot, tested, triangles, suspect, tests[suspect]))
-    causes.sort(key=lambda cause: -cause.criterion)
-    # The causes are in order of decreasing criterion, so the best cause of each name overwrites the others.
-    best_by_name = {cause.suspect.name: cause for cause in causes}
-    best = min((cause.criterion for cause in causes), default=np.inf)
-    preferred = tuple(cause for cause in reversed(best_by_name.values()) if cause.criterion <= best + AS_WELL)
-    # If links explain the readings better than any cause, keep only causes that leave nothing for links.
-    if links_p_value < LINKS_LEVEL and triangles.links_criterion() < best - AS_WELL:
-        preferred = tuple(cause for cause in preferred if cause.makes_links_unnecessary)
+    preferred = _select_best_causes(causes, triangles, links_p_value)
     listed = tuple(CauseTest(name=each.name, first=each.first, p_value=tests[each]) for each in ordered)
     if base_p_value >= MISTAKE_LEVEL:
         return Screening(links_p_value, listed, preferred, base_p_value=base_p_value)
-    with_base = _Triangles(block, compliance, visible, before, [FULL_BASE])
+    with_base = _Triangles(block, compliance, visible, always_fitted, [FULL_BASE])
     return Screening(
         links_p_value,
         listed,
@@ -238,6 +231,23 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
         links_p_value_with_base=with_base.links_p_value(FULL_BASE.name),
         base_p_value_with_links=triangles.p_values([DIAGONAL_BASE.name], DIAGONAL_LINKS.name)[0],
     )
+
+
+def _select_best_causes(
+    causes: list[Cause], triangles: _Triangles, links_p_value: float
+) -> tuple[Cause, ...]:
+    """Return the best cause and the causes that explain the readings equally well, at most one of each name.
+
+    If links explain the readings better than any cause, only causes that make links unnecessary are returned.
+    """
+    causes.sort(key=lambda cause: -cause.criterion)
+    # The causes are in order of decreasing criterion, so the best cause of each name overwrites the others.
+    best_by_name = {cause.suspect.name: cause for cause in causes}
+    least = min((cause.criterion for cause in causes), default=np.inf)
+    best = tuple(cause for cause in reversed(best_by_name.values()) if cause.criterion <= least + AS_WELL)
+    if links_p_value < LINKS_LEVEL and triangles.links_criterion() < least - AS_WELL:
+        best = tuple(cause for cause in best if cause.makes_links_unnecessary)
+    return best
 
 
 def fit_causes(
@@ -326,7 +336,7 @@ def _fit_causes_with_joints(
         compliance = np.zeros(robot.n)
         compliance[visible] = np.maximum(found.known, 0.0)
         ends = np.cumsum([len(triangles.stated.span[term.name]) for term in terms])[:-1]
-        before, unknowns = unknowns, unknowns + found.unknowns
+        previous, unknowns = unknowns, unknowns + found.unknowns
         if not size.any():  # unit of each term's unknowns: their root mean square after the first step
             by_term = np.split(unknowns, ends)
             size = np.concatenate([np.full(len(each), np.sqrt(np.mean(each**2)) or 1.0) for each in by_term])
@@ -337,7 +347,7 @@ def _fit_causes_with_joints(
         determined = found.root.shape[1]
         errors = FittedErrors(tuple(terms), tuple(np.split(unknowns, ends)), root, determined)
         fitted = _FittedCauses(errors, compliance, triangles)
-        if np.linalg.norm((unknowns - before) / size) <= _STEP_TOLERANCE * np.linalg.norm(unknowns / size):
+        if np.linalg.norm((unknowns - previous) / size) <= _STEP_TOLERANCE * np.linalg.norm(unknowns / size):
             break
         remaining = _subtract_errors(robot, part, errors, compliance)
     return fitted
@@ -406,7 +416,7 @@ def _list_suspects(
     measurements: Measurements,
     block: RegressorBlock,
     compliance: FloatArray,
-    before: Sequence[Term],
+    always_fitted: Sequence[Term],
     firsts: Sequence[str] | None = None,
 ) -> list[Suspect]:
     """Return the causes that may have moved the targets and are to be tested.
@@ -418,7 +428,7 @@ def _list_suspects(
         measurements: N observations.
         block: some of these observations.
         compliance: (n,) of the joints [rad/(N·m)].
-        before: terms that are fitted in any case; they are not suspected again.
+        always_fitted: terms that are fitted in any case; these terms are not suspected again.
         firsts: labels of observations that may be the onset of a cause; None to search for the onset.
     """
     part, labels, loads = block.measurements, measurements.labels, _group_distinct_loads(measurements)
@@ -435,10 +445,12 @@ def _list_suspects(
             for t in later.values()
             for first in known
         ]
-    else:
+    else:  # fit each term with each observation as the onset, to find the best onset
         terms = [*(each.term for each in suspects), FORCE_SCALE]
-        stack = Stack.from_blocks([block], [JOINTS, *before, *terms], compliance)
-        fits = _OnsetFits(stack, [term.name for term in terms], [term.name for term in (JOINTS, *before)])
+        stack = Stack.from_blocks([block], [JOINTS, *always_fitted, *terms], compliance)
+        fits = _OnsetFits(
+            stack, [term.name for term in terms], [term.name for term in (JOINTS, *always_fitted)]
+        )
         least = fits.p_values_without_best_observation(np.zeros(len(terms), np.intp))
         suspects = [replace(each, least_p=p) for each, p in zip(suspects, least.tolist(), strict=False)]
         if tried > 0:
@@ -449,7 +461,7 @@ def _list_suspects(
                 if each.name in later:
                     term, first = later[each.name], part.labels[onset]
                     suspects.append(Suspect(term.name, limit_to_later(term, labels, first), first, tried, p))
-    return [suspect for suspect in suspects if suspect.term.name not in {term.name for term in before}]
+    return [suspect for suspect in suspects if suspect.term.name not in {term.name for term in always_fitted}]
 
 
 def _group_distinct_loads(measurements: Measurements) -> list[list[str]]:
@@ -543,7 +555,7 @@ class _Triangles:
         block: RegressorBlock,
         compliance: FloatArray,
         visible: BoolArray,
-        before: Sequence[Term],
+        always_fitted: Sequence[Term],
         terms: Sequence[Term],
     ) -> None:
         """Compress a block's rows.
@@ -552,13 +564,13 @@ class _Triangles:
             block: the observations.
             compliance: (n,) of the joints [rad/(N·m)].
             visible: (n,) whether the readings see each joint; other joints are left out.
-            before: terms that are fitted with the joints in any case.
+            always_fitted: terms that are fitted with the joints in any case.
             terms: terms to be tested.
         """
-        self.fitted = (JOINTS.name, *(term.name for term in before))
+        self.fitted = (JOINTS.name, *(term.name for term in always_fitted))
         self.compliance = compliance
         self._block, self._visible = block, visible
-        self._terms = [JOINTS, *before, *terms, DIAGONAL_LINKS, DIAGONAL_BASE]
+        self._terms = [JOINTS, *always_fitted, *terms, DIAGONAL_LINKS, DIAGONAL_BASE]
         self.stated = self._compress_rows(build_whitened_rows)
 
     @cached_property
@@ -729,11 +741,11 @@ def _find_best_alternative(
     needed, best = as_given * ratio, None
     # rows[0] are the data as given, rows[k] those of alternative k − 1.
     for k in (1 + np.flatnonzero(_bound_residual_sums(rows[1:]) < needed)).tolist():
-        left, compensation = _fit_nonnegative_compliances(rows[k])
-        if left < needed and compensation >= LEAST_COMPENSATION:
+        squares, compensation = _fit_nonnegative_compliances(rows[k])
+        if squares < needed and compensation >= LEAST_COMPENSATION:
             best, needed = (
-                BetterAlternative(alternatives[k - 1], left / as_given, compensation, given_compensation),
-                left,
+                BetterAlternative(alternatives[k - 1], squares / as_given, compensation, given_compensation),
+                squares,
             )
     # If every force has the wrong sign, nearly any alternative fits better than the data as given; then the
     # integrity checks report the sign, and no alternative is returned.

@@ -888,11 +888,12 @@ def predict(
         predicted.append(block.A @ compliance)
         encoder_deflections.append(block.torque * compliance)
         by_joint = block.A * contributing
-        whole = by_joint.sum(axis=-1)
-        length = np.linalg.norm(whole, axis=-1)
-        direction = whole / np.where(length > 0.0, length, 1.0)[..., None]
+        deflection = by_joint.sum(axis=-1)
+        length = np.linalg.norm(deflection, axis=-1)
+        direction = deflection / np.where(length > 0.0, length, 1.0)[..., None]
         projected.append(np.einsum("btij,bti->btj", by_joint, direction))
-    parts, present = np.concatenate(projected), measurements.present  # parts are zero where nothing was read
+    # Contributions (N, T, n) of the joints; zero for targets that were not read.
+    parts, present = np.concatenate(projected), measurements.present
     mean = parts.sum(axis=(0, 1)) / present.sum()
     total = float(mean.sum())
     contributions = Contributions(

@@ -714,8 +714,8 @@ def _estimate_robust_scale(problem: _HuberProblem, threshold: float) -> float:
     least = _LEAST_SCALE * float(np.sqrt(np.mean(problem.rows[..., -1] ** 2)))
     scale = np.inf
     for _ in range(_SCALE_ROUNDS):
-        before, scale = scale, max(least, unit * float(np.median(problem.residuals_at(compliance)[1])))
-        if abs(scale - before) <= _SCALE_TOLERANCE * scale:
+        previous, scale = scale, max(least, unit * float(np.median(problem.residuals_at(compliance)[1])))
+        if abs(scale - previous) <= _SCALE_TOLERANCE * scale:
             break
         compliance, _ = problem.in_units_of(threshold * scale).minimise_model(compliance, 1.0)
     return scale

@@ -182,22 +182,23 @@ def _fit_once(
     measurements: Measurements,
     settings: Settings,
     method: Method,
-    before: _Pass | None = None,
+    previous: _Pass | None = None,
 ) -> _Pass:
     """Fit all observations once.
 
-    With K_c the robot is bent by the compliances of the fit `before`; None for the first fit, without K_c.
+    With K_c the robot is bent by the compliances of the previous fit; `previous` is None for the first fit,
+    which neglects K_c.
     """
-    compliance = None if before is None else before.fit.compliance
+    compliance = None if previous is None else previous.fit.compliance
     excitation, triangles = Excitation(robot.joint_kinds), MethodTriangles(method)
     targets = TargetRows(robot.n) if settings.loss == "huber" else None
     largest = np.zeros((robot.n, robot.n))
     for block in regressor_blocks(robot, measurements, compliance):
         (triangles if targets is None else targets).add(block)
-        if before is None:
+        if previous is None:
             excitation.add(block)
             np.maximum(largest, np.abs(complementary_stiffness(block)).max(axis=0), out=largest)
-    observability = _require_observable(excitation) if before is None else before.observability
+    observability = _require_observable(excitation) if previous is None else previous.observability
     robust, sigma = None, measurements.sigma
     if targets is not None:  # an unknown sigma is estimated in the first pass and then kept
         robust = fit_huber(
@@ -205,7 +206,7 @@ def _fit_once(
             observability.null,
             settings.constraints,
             prior=settings.prior,
-            sigma=sigma if before is None or before.robust is None else before.robust.sigma,
+            sigma=sigma if previous is None or previous.robust is None else previous.robust.sigma,
             threshold=settings.huber_threshold,
         )
         sigma, measurements = robust.sigma, robust.reweight(measurements)
@@ -213,7 +214,7 @@ def _fit_once(
             triangles.add(block)
     # Each unknown of a cause that was fitted to the readings before uses up one degree of freedom.
     triangles.all_readings.rows -= fitted_errors(measurements).determined
-    find = solve_step if before is None and settings.complementary_stiffness else solve
+    find = solve_step if previous is None and settings.complementary_stiffness else solve
     fit = fit_method(triangles, observability.null, settings.constraints, find=find)
     if settings.prior is not None:
         # A prior's weight is sigma/s₀; a sigma that is not given is estimated from the readings alone.

@@ -127,16 +127,16 @@ class Constraints:
     def __post_init__(self) -> None:
         if not self.order:
             return
-        below = self._implied_order()
+        below = self._implied_order()  # (n, n), whether c_i ≤ c_j
         if below.diagonal().any():
             raise RequestError(
                 "`stiffness_order` contradicts itself: the chains of joints form a cycle",
                 where="stiffness_order",
                 remedy="name each joint once per chain, and let no two chains contradict each other",
             )
-        before = below | np.eye(len(below), dtype=np.bool_)
-        lower = np.where(before, self.bounds.lower[:, None], -np.inf).max(axis=0)
-        upper = np.where(before, self.bounds.upper, np.inf).min(axis=1)
+        below_or_same = below | np.eye(len(below), dtype=np.bool_)
+        lower = np.where(below_or_same, self.bounds.lower[:, None], -np.inf).max(axis=0)
+        upper = np.where(below_or_same, self.bounds.upper, np.inf).min(axis=1)
         if not (lower < upper).all():
             raise RequestError(
                 "the stiffness bounds contradict `stiffness_order`",

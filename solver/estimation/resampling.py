@@ -178,8 +178,8 @@ class Draws:
         self._joints, self._plan = joints, plan
 
     @cached_property
-    def _blocks(self) -> MethodStacks:
-        """Rows of the method on the whole set."""
+    def _stacks(self) -> MethodStacks:
+        """Rows of the method on the whole measurement set, configuration by configuration."""
         joints = self._joints
         return build_method_stacks(joints.robot, joints.measurements, joints.settings, joints.estimate)
 
@@ -202,7 +202,7 @@ class Draws:
         Raises:
             JointstiffError: the identification of the whole set fails.
         """
-        found = resample(self._blocks, self._plan, self._joints.settings.bounds, *span)
+        found = resample(self._stacks, self._plan, self._joints.settings.bounds, *span)
         return {"compliance": found.compliance, "compensation": found.compensation}
 
     def statistics(self, parts: Sequence[Mapping[str, FloatArray]]) -> ResamplingResult:

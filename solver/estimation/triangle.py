@@ -149,9 +149,9 @@ class Triangle:
         """
         known = orthonormal_basis(self.unit_columns(names), least)
         others = {name: len(columns) for name, columns in self.span.items() if name not in names}
-        left = self.R[:, np.concatenate([*(self.span[name] for name in others), [self.R.shape[1] - 1]])]
+        remaining = self.R[:, np.concatenate([*(self.span[name] for name in others), [self.R.shape[1] - 1]])]
         triangle = Triangle(**others)
-        triangle.add(left - known @ (known.T @ left), count=self.rows)
+        triangle.add(remaining - known @ (known.T @ remaining), count=self.rows)
         return triangle
 
     def fit(self, names: Sequence[str], others: FloatArray, least: float) -> FloatArray:

@@ -236,9 +236,9 @@ BLOCK_LENGTH = 3072
 """Observations per block: its arrays stay in the cache, and numpy's overhead is spread well."""
 
 _MOST_CACHED = 256
-"""Most observations of a set whose block is kept: a block takes 1 MB at most."""
+"""Most observations of a set whose block is cached: a block takes 1 MB at most."""
 _BLOCKS_CACHED = 16
-"""Blocks of small sets that are kept in a process, those used last."""
+"""Number of blocks of small sets that a process caches: the blocks used last."""
 
 
 def spring_frames(postures: Postures) -> tuple[FloatArray, FloatArray]:

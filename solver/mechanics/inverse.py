@@ -363,8 +363,8 @@ def choose_postures(
     known: BoolArray = np.asarray(np.isfinite(joints).all(axis=1))
     angles = robot.joint_map.model_angles(np.where(known[:, None], joints, 0.0))
     low, high = robot.limits.T
-    outside = np.maximum(low - angles, angles - high).max(axis=1) > _TOLERANCE
-    unreached[known & outside & (unreached == Unreached.NO)] = Unreached.OUT_OF_LIMITS
+    beyond_limits = np.maximum(low - angles, angles - high).max(axis=1) > _TOLERANCE
+    unreached[known & beyond_limits & (unreached == Unreached.NO)] = Unreached.OUT_OF_LIMITS
     return inverse.insert_held_joints(joints), unreached
 
 
@@ -466,18 +466,18 @@ class _PostureChoice:
             # The branch of the posture before may be missing among the solutions: follow it by Newton steps
             found, known = self._inverse.follow_branches(self._poses[run[:1]], here[None])
             return joint_map.controller_angles(found), Unreached.NO if known[0] else Unreached.NOT_FOLLOWED
-        kept = self._branches[run, b]  # (m, 6)
-        step = compute_angle_gaps(kept[1:], kept[:-1])
-        others = compute_angle_gaps(self._branches[run[1:]], kept[1:, None])
+        followed = self._branches[run, b]  # (m, 6) solutions on one branch
+        step = compute_angle_gaps(followed[1:], followed[:-1])
+        others = compute_angle_gaps(self._branches[run[1:]], followed[1:, None])
         others[:, b] = np.inf
         # A solution that is more than twice as far from all others as from the posture before is the nearest
         # to that posture, by the triangle inequality.
         sure = 2.0 * step < np.where(np.isnan(others), np.inf, others).min(axis=1)
         incomplete = np.flatnonzero(~self._complete[run[1:]])
-        sure[incomplete] &= self._continues_branch(kept[1:][incomplete], kept[:-1][incomplete])
+        sure[incomplete] &= self._continues_branch(followed[1:][incomplete], followed[:-1][incomplete])
         breaks = np.flatnonzero(~sure)
         count = int(breaks[0]) + 1 if len(breaks) else len(run)
-        angles = np.unwrap(np.vstack([here, kept[:count]]), axis=0)[1:]
+        angles = np.unwrap(np.vstack([here, followed[:count]]), axis=0)[1:]
         return joint_map.controller_angles(angles), Unreached.NO
 
     def _continues_branch(self, angles: FloatArray, before: FloatArray) -> BoolArray:

@@ -1,8 +1,9 @@
 """Measurements: arrays in SI units, checked once, that the identification reads, and their uncertainty.
 
-They may hold readings of secondary encoders (angles behind the gearboxes, before and under load), and errors
-that all observations share: of one load cell, one load hook, one set of reflectors. A laser tracker
-(method.md §3) measures a distance and two angles, with ``σ_r = a + b d`` in the line of sight and
+Measurements may include readings of secondary encoders (angles behind the gearboxes, before and under load),
+and uncertainties of errors that all observations share: of one load cell, one load hook, one set of
+reflectors. A laser tracker (method.md §3) measures a distance and two angles, with standard uncertainties
+``σ_r = a + b d`` in the line of sight and
 ``σ_t = c + e d`` across it, d the distance from the station: the covariance of a position turns with the line
 of sight and grows with the distance.
 """
