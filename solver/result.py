@@ -171,7 +171,10 @@ def describe_choice_of_joints(options: RunOptions, screening: Screening, exclude
     if options.elasticity != "automatic":
         source, text = "given", f"Joints alone, as requested ({p})."
     elif excluded is not None:
-        source, text = "options", f"Joints alone: elastic links exclude {excluded.replace('_', ' ')} ({p})."
+        source, text = (
+            "options",
+            f"Joints alone: elastic links cannot be combined with {excluded.replace('_', ' ')} ({p}).",
+        )
     elif screening.links_p_value < LINKS_LEVEL:
         source, text = "screening", f"Joints alone: correct the mistake named in the reasons first ({p})."
     else:
@@ -204,17 +207,20 @@ def describe_choice_by_comparison(winner: Winner, screening: Screening) -> Model
     remarks = "" if chosen.model == "joints" else " K_c is neglected."
     tied = selection.tied is not None and not winner.given
     if intervals == chosen.model and not tied:
-        remarks += " Intervals of stiffness are of this model."
+        remarks += " The intervals of stiffness are computed with this model."
     elif tied:
-        remarks += " Held-out postures do not distinguish links from base: intervals "
+        remarks += " Held-out postures do not distinguish links from base: the intervals of stiffness "
         remarks += (
             "contain both models' values."
             if elastic is None or elastic.estimate.prediction.joined or intervals is None
-            else f"are of {intervals.replace('_', ' ')} alone, as no optimum of links alone was certified."
+            else f"are computed with {intervals.replace('_', ' ')} alone, because no optimum of links alone was "
+            "certified."
         )
     elif intervals is not None:
         richer = intervals.replace("_", " ")
-        remarks += f" Intervals of stiffness are of {richer}, the richest model compared."
+        remarks += (
+            f" The intervals of stiffness are computed with {richer}, the richest of the models compared."
+        )
     return ModelChoice(
         elasticity=chosen.model,
         loss=chosen.loss,

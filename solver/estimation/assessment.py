@@ -705,7 +705,8 @@ def report_implausible_joints(joints: Sequence[JointCompliance]) -> Iterator[Fin
         )
         if stiffness < 0.0:
             remedy = (
-                "set non_negative; check the joint map, the order of the angles and the signs of the forces"
+                "set `positive` to true; check the joint map, the order of the angles, and the signs of the "
+                "forces"
             )
         elif len(implausible) == len(identified):
             remedy = "check the units of force, length and moment: all joints are out of range"

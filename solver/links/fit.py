@@ -128,7 +128,7 @@ def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -
     refused = (
         (settings.method != "partial_pose", "method", "use method partial_pose"),
         (settings.weighting != "covariance", "weighting", "use weighting covariance"),
-        (not positive, "stiffness_bounds", "omit `stiffness_bounds`, and leave `non_negative` true"),
+        (not positive, "stiffness_bounds", "omit `stiffness_bounds`, and leave `positive` true"),
         (bool(settings.order), "stiffness_order", "omit `stiffness_order`"),
         (settings.prior is not None, "priors", "omit `priors`"),
         (measurements.encoders is not None, "encoder_readings", "omit the encoder readings"),
