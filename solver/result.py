@@ -213,8 +213,8 @@ def describe_choice_by_comparison(winner: Winner, screening: Screening) -> Model
         remarks += (
             "contain both models' values."
             if elastic is None or elastic.estimate.prediction.joined or intervals is None
-            else f"are computed with {intervals.replace('_', ' ')} alone, because no optimum of links alone was "
-            "certified."
+            else f"are computed with {intervals.replace('_', ' ')} alone, because no optimum of links alone "
+            "was certified."
         )
     elif intervals is not None:
         richer = intervals.replace("_", " ")
