@@ -102,9 +102,9 @@ _CHECK_NOISE: Final = (
 class Assessment:
     """Verdict on a whole result and on each joint, with the reasons."""
 
-    verdict: Verdict  #: verdict on the whole result: that of the most severe reason
+    verdict: Verdict  #: verdict on the whole result: the weight of the most severe reason
     reasons: tuple[Finding, ...]  #: most severe first; none where the verdict is "use"
-    #: verdict on each joint, never better than that of a reason on the whole set or on this joint
+    #: verdict on each joint, never better than the weight of a reason on the whole set or on this joint
     joints: tuple[Verdict, ...]
     notes: tuple[str, ...] = ()  #: sentences on assumptions, and on checks that the readings do not allow
     remarks: tuple[Finding, ...] = ()  #: findings of the weight "use", which do not change the verdict
@@ -209,7 +209,7 @@ def _list_notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]
 def derive_assessment(joints: Sequence[JointCompliance], findings: Iterable[Finding]) -> Assessment:
     """Return the assessment that follows from findings and from the status of each joint.
 
-    The verdict is that of the most severe finding; reasons and remarks are in order of severity.
+    The verdict is the weight of the most severe finding; reasons and remarks are in order of severity.
     """
     ordered = tuple(sorted(findings, key=lambda finding: -_ORDER[finding.weight]))
     names = {joint.name for joint in joints}
@@ -359,7 +359,7 @@ def find_reading_problems(
 ) -> Iterator[Finding]:
     """Yield findings on problems of the readings.
 
-    The findings of the integrity checks are merged into one for each kind, and those of the whole set come
+    Findings of the integrity checks are merged into one for each kind, and findings on the whole set come
     first. Leaving observations out is proposed only if few observations are concerned.
     """
     labels = measurements.labels

@@ -335,7 +335,7 @@ class JointCompliance:
     compliance_interval: tuple[float, float] | None = None
     #: bounds of the compliance from below and above, each at the full confidence [rad/(N·m)]
     one_sided: tuple[float, float] | None = None
-    #: information of the joint's prior over that of the readings; inf where only the prior separates the
+    #: information of the joint's prior over the readings' information; inf where only the prior separates the
     #: joint from other joints, None without a prior
     prior_to_data: float | None = None
     reason: str | None = None  #: why there is no number, or which limit applies to the number
@@ -632,7 +632,7 @@ class Evidence:
 
 
 _LEAST_POSTURES: Final = 2
-"""Number of postures, beyond that of the joints, needed to separate model error from noise."""
+"""Number of postures, beyond the number of joints, needed to separate model error from noise."""
 _NO_UPPER_END = (
     "its stiffness has no upper limit if single postures are left out: something besides the joints bends"
 )
@@ -873,7 +873,7 @@ def predict(
         measurements: N observations.
         compliance: (n,) [rad/(N·m)].
         balanced: (n,) compliances with which the load bends the robot before the columns are computed: the
-            deflections are then those of the exact balance, to third order. None neglects this bending.
+            predicted deflections then equal the exact balance to third order. None neglects this bending.
         estimated: (n,) joints with an estimate; all if None. Other joints have zero contributions.
 
     Returns:

@@ -148,7 +148,7 @@ class StageFit:
     """Solution of one stage of a method."""
 
     joints: IndexArray  #: (p,) joints of the stage's columns
-    spectrum: Spectrum  #: spectrum of the stage's rows, those of the prior included
+    spectrum: Spectrum  #: spectrum of the stage's rows, including the rows of a prior
     analysis: Identifiability  #: identifiability by the readings, without the prior
     undetermined: tuple[Combination, ...]  #: groups of joints that neither readings nor prior tell apart
     parameters: float  #: number of parameters that the readings determine
@@ -445,7 +445,7 @@ class TargetRows:
         self._rows: list[FloatArray] = []
         self._present: list[BoolArray] = []
         self.squared = Triangle(joints=parameters)
-        """Rows whose loss stays squared: those of the encoders."""
+        """Rows of the encoders, whose loss stays squared."""
 
     def add(self, block: RegressorBlock) -> None:
         """Add the whitened rows of a block of observations."""

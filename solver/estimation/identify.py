@@ -410,7 +410,7 @@ def _propagate_common_errors(
 
 
 def _compare_prior_to_data(alone: Fit, prior: Prior, sigma: float) -> FloatArray:
-    """Return for each joint the ratio (n,) of the information in its prior to that in the readings.
+    """Return for each joint the ratio (n,) of the prior's information to the readings' information.
 
     The ratio is ``s₀⁻² / (sigma² C_jj)⁻¹``; NaN for joints without a prior, and inf where the readings alone
     determine only a combination with other joints.

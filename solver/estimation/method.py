@@ -195,8 +195,8 @@ class Stage:
 class StageRows:
     """Rows of B observations in one stage."""
 
-    #: (B, r, K + 1) columns of all terms and of the readings; rows of the targets, then those of the encoders
-    #: of the stage's joints
+    #: (B, r, K + 1) columns of all terms, then of the readings; rows of the targets, then rows of the
+    #: encoders of the stage's joints
     fitted: FloatArray
     #: (B, 3 T, K + 1) ``NᵀN`` times the targets' rows, N the linear map of the stage; None where N = I
     spread: FloatArray | None

@@ -318,7 +318,7 @@ class Scaled:
     def solve_on_support(self, active: Support, near: FloatArray | None = None) -> FloatArray:
         """Return the least-squares point (n,) with all active variables fixed at their bounds.
 
-        Where this point is not unique, the one nearest to `near` is returned; the shortest if `near` is None.
+        Of several such points, the point nearest to `near` is returned; the shortest if `near` is None.
         """
         free = active == FREE
         x = self.bounds.values_at_bounds(active)

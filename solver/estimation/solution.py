@@ -156,7 +156,7 @@ def solve_step(problem: IdentificationProblem) -> Solution:
     """Solve a problem by pivoting and certify the optimum; where pivoting fails, solve by Clarabel.
 
     This is faster than `solve`, and meant for problems solved many times, as in iterations. Pivoting starts
-    from least squares without bounds. The conditions of the certificate are those of `solve`.
+    from least squares without bounds. The optimum is certified by the same conditions as in `solve`.
 
     Raises:
         SolverError: if no candidate satisfies the optimality conditions.
@@ -298,7 +298,7 @@ def solve_batch(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> BatchSo
         bounds: on the n parameters, the same for all problems.
 
     Returns:
-        The optima; those of ill-conditioned problems are marked as not certified.
+        The optima of all K problems; the optima of ill-conditioned problems are marked as not certified.
 
     Raises:
         SolverError: if a number is not finite, or an optimum could not be certified.

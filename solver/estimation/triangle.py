@@ -81,7 +81,7 @@ class Triangle:
 
     @property
     def matrix(self) -> FloatArray:
-        """Compressed regressor (K + 1, K): all columns but that of the readings."""
+        """Compressed regressor (K + 1, K): all columns except the column of readings."""
         return self.R[:, :-1]
 
     @property
@@ -107,16 +107,16 @@ class Triangle:
         most: int | None = None,
         least: float = DISTINCT,
     ) -> FloatArray:
-        """Return the p-values (S,) of F tests: does adding a term improve the fit of other terms?
+        """Return the p-values (S,) of F tests of whether adding a term improves the fit of other terms.
 
-        The p-value is 1 where the readings cannot decide.
+        A p-value is 1 where the readings have too few degrees of freedom for the test.
 
         Args:
             names: the S terms that are tested, each one alone.
             fitted: terms that are fitted in any case.
             most: largest number of a term's leading singular directions that are tested; all if None.
-            least: directions are tested if their singular value exceeds this; the values are those of the
-                tested term's unit columns after the fitted terms have been projected out.
+            least: directions are tested if their singular value exceeds this number. Singular values are
+                computed from the tested term's unit columns, after projecting the fitted terms out.
         """
         known, tested = orthonormal_basis(self.unit_columns(fitted)), self.unit_columns(names)
         d = self.rhs - known @ (known.T @ self.rhs)

@@ -28,7 +28,7 @@ _STEPS: Final = 20
 _LAST_STEP: Final = 1e-8
 """Step [rad] after which Newton's method ends: the error left is half its square, 1e-16 m at arm's reach."""
 _LARGEST_DEFLECTION: Final = 1.0
-"""Deflection of a joint [rad] beyond which a balance may be another than the one near the posture."""
+"""Deflection of a joint [rad] beyond which a balance may not be the balance near the unloaded posture."""
 _SMALL: Final = 0.1
 """Share of the stiffness that a load takes away, up to which a series is quicker than elimination."""
 _ROUNDING: Final = 1e-17
@@ -257,7 +257,7 @@ class RegressorBlock:
     """Regressors of B observations of T targets of a robot with n joints.
 
     Without a compliance, the configurations are the unloaded postures. With a compliance, they are half-way
-    between the unloaded and the loaded postures, and the torques are those of the loaded postures.
+    between the unloaded and the loaded postures, and the torques act in the loaded postures.
     """
 
     robot: Robot  #: n joints

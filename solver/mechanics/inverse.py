@@ -1,4 +1,4 @@
-"""Inverse kinematics of arms with six revolute joints: all branches, and the one that a path follows.
+"""Inverse kinematics of arms with six revolute joints: all branches, and the branch that a path follows.
 
 Prismatic joints, such as a rail below the arm, stand still; the arm is the robot's other joints. All branches
 are found in closed form (EAIK) and made exact by Newton steps. EAIK finds how a chain decomposes into
@@ -105,7 +105,7 @@ class InverseKinematics:
         axes = np.stack([R @ axis for R, axis in zip(rotation[0], robot.axes, strict=True)])
         # Steps from R0 to the first joint, from each joint to the next, and to the flange [m].
         steps = np.diff(np.vstack([np.zeros(3), origin[0], flange.flange_translation]), axis=0)
-        # Try the chain as it is; if EAIK cannot solve that, try the chain as designed.
+        # Try the identified chain first; if EAIK cannot solve this chain, try the chain as designed.
         for self._exact in (True, False):
             if not self._exact:  # remove the small deviations from design that identification found
                 axes, steps = (np.where(np.abs(each) < _NOT_DESIGNED, 0.0, each) for each in (axes, steps))
@@ -345,7 +345,8 @@ def choose_postures(
         `Unreached`.
 
     Raises:
-        RobotError: the joint map lets a controller's angle depend on those of joints further out.
+        RobotError: the joint map lets a model joint depend on the controller's angle of a joint farther from
+            the base.
     """
     robot = inverse.arm
     if np.triu(robot.joint_map.matrix, 1).any():

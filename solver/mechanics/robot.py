@@ -352,7 +352,7 @@ def fix_prismatic_joints(robot: Robot, held: FloatArray) -> Robot:
 
     Args:
         robot: n joints.
-        held: (n,) controller's joint positions [rad or m]; those of revolute joints are ignored.
+        held: (n,) controller's joint positions [rad or m]; positions of revolute joints are ignored.
 
     Raises:
         RobotError: all joints are prismatic, or a prismatic joint also depends on a revolute joint of the
