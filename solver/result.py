@@ -84,8 +84,8 @@ def report_joints_alone(joints: JointsAlone, screening: Screening, choice: Model
     try:
         error = leave_postures_out(robot, measurements, settings, estimate, model)
         left_out = error.left_out
-    except JointstiffError as reason:  # the run is valid without a model error; predictions state the reason
-        error = reason
+    except JointstiffError as failure:  # the run is valid without a model error; predictions say why
+        error = failure
     lacks = screening.lack_of_fit and joints.are_sound
     budget = UncertaintyBudget.from_estimate(estimate, settings.confidence, left_out, lack_of_fit=lacks)
     if budget is not None and lacks:
@@ -132,8 +132,8 @@ def report_elastic_model(
     error: ModelError | JointstiffError
     try:
         error = leave_folds_out(robot, measurements, fitted)
-    except JointstiffError as reason:  # the run is valid without a model error; predictions state the reason
-        error = reason
+    except JointstiffError as failure:  # the run is valid without a model error; predictions say why
+        error = failure
     return RunOutcome(
         estimate,
         fitted.prediction,
