@@ -1,5 +1,4 @@
-"""Models of elastic joints, links and base, from simple to rich: rows, penalty, losses, optima (method.md
-§7).
+"""Models of elastic joints, links and base, from simple to rich: rows, penalty and losses (method.md §7).
 
     squared    ‖z − R x‖² / ‖z‖² + λ tr              rows compressed to a triangle
     absolute   Σ ‖r_i‖ / Σ ‖d_i‖ + λ tr              one second-order cone a target
@@ -115,13 +114,11 @@ class ElasticColumns:
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """Terms of the deflection model (joints, coupled joints, links and base) in the order of the
-        columns."""
+        """Terms of the deflection model in the order of the columns: joints, coupling, links and base."""
         return JOINTS, COUPLED_JOINTS, links_behind(self.frames)
 
     def link_columns(self, frame: int) -> IndexArray:
-        """Return the columns (21,) of the compliance C_i of the link behind joint `frame`, or of the
-        `BASE`."""
+        """Return the columns (21,) of the compliance C_i of the link behind joint `frame`, or of `BASE`."""
         start = self.n + len(self.coupling) + 21 * self.frames.index(frame)
         return np.arange(start, start + 21)
 
@@ -162,8 +159,7 @@ class ElasticRows:
         return np.asarray(np.linalg.norm(residuals, axis=1))
 
     def weight_targets(self, weight: FloatArray) -> ElasticRows:
-        """Return the rows with a triangle in which the K targets have the weights (K,) of a least-squares
-        fit.
+        """Return the rows with a triangle in which the squares of the K targets have weights (K,).
 
         The rows `each` stay unweighted.
         """
@@ -233,7 +229,7 @@ def select_rows_of_part(part: IndexArray, start: int, stop: int) -> IndexArray:
 def generate_elastic_blocks(
     robot: Robot, measurements: Measurements, columns: ElasticColumns
 ) -> Iterator[tuple[RegressorBlock, FloatArray]]:
-    """Yield blocks of B observations with rows (B, T, 3, P + 1): P columns of compliances, then the readings."""
+    """Yield blocks of B observations with rows (B, T, 3, P + 1): P columns of compliances, then readings."""
     for start in range(0, len(measurements), _BLOCK):
         for block in regressor_blocks(robot, measurements[start : start + _BLOCK]):
             yield block, rows_of(block, columns.terms, np.zeros(robot.n)).targets
