@@ -40,7 +40,7 @@ class Innovation:
     message: str | None = None
 
 
-_UNJUDGED: Final = Innovation(message="too few other readings to compare this one with")
+_NOT_COMPARABLE: Final = Innovation(message="too few other readings to compare this one with")
 
 DOUBTFUL: Final = (1e-5, 1e-4)
 """Probability of so great a distance below which a reading is doubtful: in any way; as by another force."""
@@ -163,9 +163,9 @@ class Expectation:
             e = e - C @ np.linalg.lstsq(C, e, rcond=None)[0]
             count -= C.shape[1]
         square = float(e @ e)
-        return square, self.exceedance_probability(square, count), count
+        return square, self.compute_exceedance_probability(square, count), count
 
-    def greatest_distance(self, reading: Measurements) -> float:
+    def compute_greatest_distance(self, reading: Measurements) -> float:
         """Return the greatest distance of a target of one reading from its prediction [m]."""
         rows = _build_stack(
             self.robot, replace(reading, covariance=np.eye(3)), self.terms, self.compliance
@@ -185,7 +185,7 @@ class Expectation:
         square = float(np.square(off).sum())
         return square, float(special.chdtrc(off.size, square)) if off.size else 1.0
 
-    def squared_distance_quantile(self, probability: float, count: int) -> float:
+    def compute_squared_distance_quantile(self, probability: float, count: int) -> float:
         """Return the quantile of the squared Mahalanobis distance of a reading with `count` coordinates.
 
         The distribution is χ², or that of ``count · F`` where sigma is estimated with `freedom` degrees of
@@ -195,7 +195,7 @@ class Expectation:
             return float(special.chdtri(count, 1.0 - probability))
         return float(count * special.fdtri(count, self.freedom, probability))
 
-    def exceedance_probability(self, square: float, count: int) -> float:
+    def compute_exceedance_probability(self, square: float, count: int) -> float:
         """Return the probability that the squared distance of `count` coordinates exceeds `square`."""
         if count < 1:
             return 0.0
@@ -217,12 +217,12 @@ def compare_last_reading(robot: Robot, measurements: Measurements, compliance: F
     try:
         expected = None if others is None else Expectation.from_readings(robot, others, compliance)
         if others is None or expected is None:
-            return _UNJUDGED
+            return _NOT_COMPARABLE
         _, p_value, _ = expected.measure_distance(reading)
         squares, p_values = _measure_unusual_distances(expected, reading, _USUAL)
         far = p_values < DOUBTFUL
         wrong_place = expected.compare_unloaded_places(reading)[1] < _WRONG_PLACE
-        off, causes, doubtful = expected.greatest_distance(reading), list[str](), bool(far.any())
+        off, causes, doubtful = expected.compute_greatest_distance(reading), list[str](), bool(far.any())
         if doubtful or wrong_place:
             slips, causes = _find_causes(expected, reading, others)
             # A model error is no mistake of one reading: the others are as far from their predictions.
@@ -235,7 +235,7 @@ def compare_last_reading(robot: Robot, measurements: Measurements, compliance: F
                 least = factor * _cross_check_readings(expected, others, _USUAL).max(axis=0)
             doubtful = bool((far & (squares > least)).any())
     except SolverError:  # other findings report a load without balance
-        return _UNJUDGED
+        return _NOT_COMPARABLE
     if not doubtful and not wrong_place:
         return Innovation(p_value, off, message="as expected")
     if not causes and wrong_place:
@@ -297,11 +297,11 @@ def check_held_out_reading(
         if expected is None:
             return None
         square, _, count = expected.measure_distance(reading)
-        limit = expected.squared_distance_quantile(_BALL, count)
+        limit = expected.compute_squared_distance_quantile(_BALL, count)
         if len(others) >= _FEWEST:
             own = np.sort(_cross_check_readings(expected, others, 0.0)[:, 0])
             limit = max(limit, float(own[min(len(own) - 1, int(np.ceil(_BALL * (len(own) + 1))) - 1)]))
-        off = expected.greatest_distance(reading)
+        off = expected.compute_greatest_distance(reading)
     except SolverError:
         return None
     return HeldOut(measurements.labels[row], float(np.sqrt(square / limit)), off)
@@ -319,7 +319,7 @@ def _measure_unusual_distances(
     square, p_value, _ = expected.measure_distance(reading, usual=usual)
     fitted, _, _ = expected.measure_distance(reading, usual=usual, free=FORCE_SCALE)
     gain = square - fitted
-    return np.array([square, gain]), np.array([p_value, expected.exceedance_probability(gain, 1)])
+    return np.array([square, gain]), np.array([p_value, expected.compute_exceedance_probability(gain, 1)])
 
 
 def _cross_check_readings(expected: Expectation, others: Measurements, usual: float) -> FloatArray:
