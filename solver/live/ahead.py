@@ -257,8 +257,7 @@ class CandidateReadings:
     def _predict_shares(
         self, goal: Goal, known: KnownCompliances, share: UncertaintyShare, M: FloatArray
     ) -> FloatArray:
-        """Predict the ratios (s,) or (1,) of uncertainty to allowed uncertainty after readings of information
-        M.
+        """Predict the ratios (s,) or (1,) of uncertainty to allowed uncertainty for an information matrix M.
 
         Args:
             goal: goal of the campaign.
@@ -286,8 +285,7 @@ class CandidateReadings:
     def _choose_best_candidate(
         self, criterion: AOptimality, M: FloatArray, free: BoolArray, at: FloatArray | None
     ) -> Atoms:
-        """Return the free candidate that reduces the variance most; among nearly equal candidates, the
-        nearest.
+        """Return the free candidate that reduces the variance most, or the nearest of nearly equal candidates.
 
         Args:
             criterion: weighted mean of variances that is to be reduced.

@@ -225,7 +225,7 @@ class Progress:
             if each.weight == "do_not_use" and each.observation
         ]
         if kept:
-            # A reason stands for all findings with its code. If it is about a kept observation, another
+            # A reason represents all findings with its code. If it is about a kept observation, another
             # finding with this code may be about an observation that was not kept.
             codes = {each.code for each in wrong}
             severe = [each for each in self.so_far.noticed if each.weight == "do_not_use"]
@@ -279,9 +279,7 @@ class Progress:
         """Number of readings still to be taken, the held-out reading included; None if unknown."""
         if self.goal_is_met:
             return 0 if self.is_checked else 1
-        if (
-            self.mistake is not None
-        ):  # Nobody knows how many readings suffice before the mistake is corrected.
+        if self.mistake is not None:  # the number is unknown until the mistake is corrected
             return None
         missing = self.next.missing if self.next is not None and self.count else None
         if missing is None:
@@ -370,8 +368,8 @@ class Progress:
         if share.joint is None:
             uncertainty = "unknown" if share.uncertainty is None else length_text(share.uncertainty)
             return (
-                f"the uncertainty of the deflection in the work area is {uncertainty}, and more readings reduce "
-                "the uncertainty only a little"
+                f"the uncertainty of the deflection in the work area is {uncertainty}, and more readings "
+                "reduce it only a little"
             )
         parts = {part.joint: part for part in result.contributions} if isinstance(result, RunResult) else {}
         contribution = parts.get(names[share.joint])
