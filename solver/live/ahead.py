@@ -285,7 +285,7 @@ class CandidateReadings:
     def _choose_best_candidate(
         self, criterion: AOptimality, M: FloatArray, free: BoolArray, at: FloatArray | None
     ) -> Atoms:
-        """Return the free candidate that reduces the variance most, or the nearest of nearly equal candidates.
+        """Return the free candidate that reduces the variance most; of nearly equal ones, the nearest.
 
         Args:
             criterion: weighted mean of variances that is to be reduced.

@@ -210,7 +210,13 @@ def test_a_prior_waits_until_the_own_readings_know_as_much(compliance, uncertain
     ],
 )
 def test_a_reading_is_held_out_when_the_goal_is_met_or_one_away(awaits, readings, missing, state):
-    usual = {"fewest_readings": 5, "doubtful": [], "_uncertainty_suffices": False, "goal_is_met": False, "is_checked": False}
+    usual = {
+        "fewest_readings": 5,
+        "doubtful": [],
+        "_uncertainty_suffices": False,
+        "goal_is_met": False,
+        "is_checked": False,
+    }
     progress = SimpleNamespace(
         **usual | {"next": SimpleNamespace(missing=missing), "count": readings} | state
     )
