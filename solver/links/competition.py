@@ -1,4 +1,4 @@
-"""Competition of models on held-out postures: what else bends, with which loss and penalty (method.md §7).
+"""Competition of elastic models on held-out postures, with the choice of loss and penalty (method.md §7).
 
 The unit of work is the fit of all models with one weight of the penalty and one fold held out. If the
 request gives the penalty, only one weight is fitted: this is so quick that the competition has no steps.

@@ -78,7 +78,7 @@ class UncertaintyShare:
     @property
     def greatest_share(self) -> float:
         """Greatest uncertainty relative to that of the goal; the goal is met at 1 or below."""
-        return float(self.each.max())
+        return float(self.ratios.max())
 
 
 @dataclass(frozen=True, eq=False)
