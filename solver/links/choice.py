@@ -557,15 +557,15 @@ def report_penalty(chosen: float, used: float) -> Iterator[Finding]:
             code="link_penalty_at_end",
             weight="use",
             message=f"cross-validation chose the smallest penalty that it tries, {chosen:.3g}: the readings "
-            "hardly need one, and the penalty does not bias the links",
+            "determine the links nearly without a penalty, and the penalty does not bias the links",
             remedy="to try a smaller penalty, give link_penalty; predictions will hardly change",
         )
     if used > chosen:
         yield Finding(
             code="link_penalty_raised",
             weight="use",
-            message=f"cross-validation chose a penalty of {chosen:.3g}, but rounding errors "
-            f"prevent the proof that its fit is optimal: {used:.3g} was used instead",
+            message=f"cross-validation chose a penalty of {chosen:.3g}, but rounding errors prevent the proof that "
+            f"the fit with this penalty is optimal: a penalty of {used:.3g} was used instead",
             remedy="compare `selection`; give link_penalty, or choose fewer links",
         )
 

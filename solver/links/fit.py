@@ -138,7 +138,7 @@ def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -
     for is_refused, where, remedy in refused:
         if is_refused:
             raise UnsupportedMethodError(
-                f"an elasticity other than joints cannot be combined with this {where.replace('_', ' ')}",
+                f"an elasticity other than joints does not support the given {where.replace('_', ' ')}",
                 where=where,
                 remedy=f"{remedy}, or use elasticity joints",
             )
@@ -285,7 +285,8 @@ def _compute_gap_scale(formulation: Formulation, sigma: float | None) -> float:
 def _build_uncertified_error(weight: float) -> UnsupportedMethodError:
     """Build the error for a weight λ of the penalty with which no optimum can be certified."""
     return UnsupportedMethodError(
-        f"with a penalty of {weight:.3g}, rounding errors hide which links bend, and no fit can be certified",
+        f"the fit with a penalty of {weight:.3g} cannot be certified as optimal, because rounding errors hide "
+        "which links bend",
         where="link_penalty",
         remedy=f"give link_penalty {10.0 * weight:.0e} or more, choose fewer links, or omit link_penalty",
     )
@@ -559,13 +560,16 @@ def _build_effective_joint(
     )
     remarks = [] if other is None else [remark_on_sum]
     if rigid:
-        remarks = ["the other elements explain the readings without a compliance of this joint"]
+        remarks = [
+            "the other elastic elements (joints, links or base) explain the readings without a compliance of "
+            "this joint"
+        ]
     elif not np.isfinite(uncertainty):
         remarks.append("no interval: the range of compliances that fit the readings was not found")
     elif uncertainty > LARGEST_UNCERTAINTY * compliance:
         remarks.append(
             f"poorly determined (standard uncertainty {100 * uncertainty / compliance:.0f} %): "
-            "bending links explain the readings nearly as well"
+            "bending links explain the readings nearly as well as this joint"
         )
     return JointCompliance(
         name=joint.name,
