@@ -285,8 +285,8 @@ def _compute_gap_scale(formulation: Formulation, sigma: float | None) -> float:
 def _build_uncertified_error(weight: float) -> UnsupportedMethodError:
     """Build the error for a weight λ of the penalty with which no optimum can be certified."""
     return UnsupportedMethodError(
-        f"the fit with a penalty of {weight:.3g} cannot be certified as optimal, because rounding errors hide "
-        "which links bend",
+        f"the fit with a penalty of {weight:.3g} cannot be certified as optimal, because rounding errors "
+        "hide which links bend",
         where="link_penalty",
         remedy=f"give link_penalty {10.0 * weight:.0e} or more, choose fewer links, or omit link_penalty",
     )

@@ -558,7 +558,8 @@ def compute_joint_results(
         if not high < _UNBOUNDED_SHARE * problem.cones.cap[k]:  # also true for NaN, if no end was found
             reason = (
                 f"own weight and readings do not determine the compliance of {name}: read more postures in "
-                "which its weight torque differs (a plan for own weight lists such postures), or attach a payload"
+                "which its weight torque differs (a plan for own weight lists such postures), or attach a "
+                "payload"
             )
             joints[j] = JointCompliance(name, kind, "not_observable", reason=reason)
             continue
