@@ -564,8 +564,8 @@ def report_penalty(chosen: float, used: float) -> Iterator[Finding]:
         yield Finding(
             code="link_penalty_raised",
             weight="use",
-            message=f"cross-validation chose a penalty of {chosen:.3g}, but rounding errors prevent the proof "
-            f"that the fit with this penalty is optimal: a penalty of {used:.3g} was used instead",
+            message=f"cross-validation chose a penalty of {chosen:.3g}, but rounding errors prevent the "
+            f"proof that the fit with this penalty is optimal: a penalty of {used:.3g} was used instead",
             remedy="compare `selection`; give link_penalty, or choose fewer links",
         )
 
