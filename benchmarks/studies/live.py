@@ -161,7 +161,7 @@ def needed(reader: Reader, joints: FloatArray, forces: FloatArray) -> int:
     low, high = 2, len(joints)
     while high - low > 1:
         middle = (low + high) // 2
-        met = replace(whole, entries=whole.entries[:middle]).progress.met
+        met = replace(whole, entries=whole.entries[:middle]).progress.goal_is_met
         low, high = (low, middle) if met else (middle, high)
     return high
 
@@ -195,7 +195,7 @@ def other_lists(reader: Reader) -> Lists:
     return Lists(
         fixed=fixed_list(reader),
         whole=len(whole.joints),
-        whole_meets=_read_all(reader, whole.joints[fitted], whole.force[fitted]).progress.met,
+        whole_meets=_read_all(reader, whole.joints[fitted], whole.force[fitted]).progress.goal_is_met,
         in_order=_in_order(reader, plan),
     )
 
@@ -221,7 +221,7 @@ def covered(reader: Reader, campaign: LiveCampaign, state: LiveState) -> tuple[i
         ends = [(each.interval, k) for each, k in zip(state.joints, reader.arm.stiffnesses, strict=True)]
         known = [(each, k) for each, k in ends if each is not None]
         return int(sum(low <= k <= (high or np.inf) for (low, high), k in known)), len(known)
-    known_, places = campaign.progress.known, campaign.declared.ahead.places
+    known_, places = campaign.progress.known, campaign.declared.ahead.work_area_deflections
     moved = places @ known_.compliance
     half = known_.factor * np.sqrt(np.einsum("...j,jk,...k->...", places, known_.covariance, places))
     true = places @ (1.0 / reader.arm.stiffnesses)
@@ -368,7 +368,7 @@ def _right(reader: Reader, campaign: LiveCampaign, state: LiveState) -> tuple[in
     """Return whether a decision that was reached is right."""
     if state.state != "reached" or state.greatest_deflection is None:
         return 0, 0
-    places = campaign.declared.ahead.places
+    places = campaign.declared.ahead.work_area_deflections
     true = float(np.linalg.norm(places @ (1.0 / reader.arm.stiffnesses), axis=-1).max())
     limit = reader.row.goal["limit"]
     return int((state.greatest_deflection < limit) == (true < limit)), 1

@@ -220,7 +220,9 @@ class LiveCampaign:
         record = ReadingsSoFar(
             measurements=None if prepared is None else prepared.measurements,
             noticed=() if prepared is None else tuple(prepared.warnings),
-            judged={label: entry.innovation or Innovation() for label, entry in self.entry_by_label.items()},
+            comparisons={
+                label: entry.innovation or Innovation() for label, entry in self.entry_by_label.items()
+            },
             withdrawn=frozenset(self._entries_by_label("withdrawn")),
             kept=frozenset(self._entries_by_label("kept")),
             skipped=tuple(entry.joints for entry in self.entries if entry.change == "skipped"),
@@ -253,12 +255,12 @@ class LiveCampaign:
             share=share.greatest_share if share is not None and is_known else None,
             still_needed=0 if is_over else progress.still_needed,
             readings=self._list_readings(),
-            joints=progress.joints(),
+            joints=progress.list_joints(),
             deflection_uncertainty=share.uncertainty if share is not None and is_known else None,
             greatest_deflection=share.greatest if share is not None and is_known else None,
             assessment=result.assessment if isinstance(result, RunResult) else None,
             next=None if is_over else self.next_reading(),
-            warnings=list(progress.taken.noticed),
+            warnings=list(progress.so_far.noticed),
             measurement_set_id=measurement_set_id,
             run_id=run_id,
         )
@@ -267,7 +269,7 @@ class LiveCampaign:
         """Return the state of the campaign, and a sentence that explains the state to people."""
         count = len(self.observations)
         read = "1 reading" if count == 1 else f"{count} readings"
-        return ("closed", f"closed after {read}") if self.closed else self.progress.state()
+        return ("closed", f"closed after {read}") if self.closed else self.progress.describe_state()
 
     def next_reading(self) -> PlannedReading | None:
         """Return posture, load and label of the next reading; None if no reading is planned."""
@@ -355,7 +357,7 @@ class LiveCampaign:
         state, message = replace(self, entries=open_entries)._state_and_message()
         words = message if message.startswith(state) else f"{state}: {message}"
         lines.append(f"{words[0].upper()}{words[1:]}.")
-        check = self.progress.taken.check
+        check = self.progress.so_far.check
         if check is not None:
             lines.append(
                 f"Held-out reading {check.label}: {length_text(check.distance)} from its "
@@ -363,7 +365,7 @@ class LiveCampaign:
                 "lie."
             )
         for standing, words in _PRIOR_PHRASES.items():
-            named = [name for name, each in self.progress.standings.items() if each == standing]
+            named = [name for name, each in self.progress.prior_standings.items() if each == standing]
             if named:
                 lines.append(f"{words}: {', '.join(named)}.")
         lines += [f"Withdrawn {each.label}: {each.reason}." for each in readings if each.state == "withdrawn"]

@@ -38,7 +38,7 @@ from jointstiff.solver.estimation.problem import Constraints
 from jointstiff.solver.estimation.resampling import build_method_stacks, fit_subsets
 from jointstiff.solver.links.choice import Folds, fit_fold
 from jointstiff.solver.links.fit import ElasticEstimate
-from jointstiff.solver.links.model import ElasticColumns, elastic_blocks
+from jointstiff.solver.links.model import ElasticColumns, generate_elastic_blocks
 from jointstiff.solver.mechanics.block import (
     Balance,
     OwnWeight,
@@ -429,7 +429,7 @@ class ElasticPredictor(ForwardModel):
         compliances = np.zeros(self.columns.width)
         compliances[self.kept] = self.entries
         coupling = to_matrix(compliances[self.columns.coupling], self.columns.n)
-        links = [to_matrix(compliances[self.columns.link(frame)], 6) for frame in self.columns.frames]
+        links = [to_matrix(compliances[self.columns.link_columns(frame)], 6) for frame in self.columns.frames]
         return np.diag(compliances[self.columns.joints]) + coupling, np.array(links).reshape(-1, 6, 6)
 
     def deflect(
@@ -523,7 +523,7 @@ class ElasticDeflection(Deflection):
         rows[..., columns.joints] = self.jacobian * self.torque[:, None]
         rows[..., columns.coupling] = differentiate_bilinear_form(self.jacobian, self.torque[:, None])
         for i, frame in enumerate(columns.frames):
-            rows[..., columns.link(frame)] = differentiate_bilinear_form(
+            rows[..., columns.link_columns(frame)] = differentiate_bilinear_form(
                 self.moves[:, i], self.wrench[:, i, None]
             )
         return rows[..., self.model.kept]
@@ -737,7 +737,7 @@ def leave_folds_out(robot: Robot, measurements: Measurements, elastic: ElasticEs
     half = np.zeros((len(of_reading), 3, 1 if model.root is None else len(model.root)))
     for number, part in enumerate(folds.held_out):
         compliances, _ = fit_fold(folds, elastic.model, number, (elastic.penalty,))
-        blocks = elastic_blocks(robot, measurements[part], folds.columns)
+        blocks = generate_elastic_blocks(robot, measurements[part], folds.columns)
         rows = np.concatenate([columns[block.measurements.present] for block, columns in blocks])
         own = np.flatnonzero(np.isin(of_reading, part))
         residual[own] = rows[..., -1] - rows[..., :-1] @ compliances[0]
