@@ -12,9 +12,14 @@ from jointstiff.schemas.plan import Surroundings
 from jointstiff.simulator import LOAD_POINT, TARGETS, truth
 from jointstiff.simulator.document import experiment_of
 from jointstiff.simulator.equilibrium import equilibrium
-from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest, find_feasible
+from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest, find_feasible_readings
 from jointstiff.solver.design.optimum import Candidates, DesignProblem, DOptimality, optimise_design
-from jointstiff.solver.design.plan import Distinct, advise_next_readings, find_exact_design, plan_campaign
+from jointstiff.solver.design.plan import (
+    DistinctPostures,
+    advise_next_readings,
+    find_exact_design,
+    plan_campaign,
+)
 from jointstiff.solver.mechanics.measurements import Instrument
 
 PLACES, FREE = np.array(list(TARGETS.values())), np.full(6, np.inf)
@@ -102,7 +107,10 @@ def test_a_design_needs_candidates_that_determine_all_parameters_in_postures_apa
         "candidates | all candidates together determine 3 of 4 parameters; no load changes parameter "
         "[2] | add loads or postures that change the missing parameters, or leave these out"
     )
-    ten, three_postures = problem(rows, 10), Distinct(np.repeat([[0.0], [1.0], [2.0]], 10, axis=0), 0.5)
+    ten, three_postures = (
+        problem(rows, 10),
+        DistinctPostures(np.repeat([[0.0], [1.0], [2.0]], 10, axis=0), 0.5),
+    )
     assert refused(find_exact_design, ten, optimise_design(ten), three_postures) == (
         "distinct_angle | only 3 candidates are in postures 28.6° apart, but 10 readings are "
         f"requested | {FEWER}"
@@ -147,7 +155,9 @@ def test_a_reading_is_struck_out_by_what_stands_in_its_way(robot, cell, options,
     joints = np.radians([[0.0, options.pop("joint_2", 0.0), 0.0, 0.0, 0.0, 0.0]])
     direction = options.pop("direction", None)
     direction = None if direction is None else np.array(direction)
-    kept, reasons = find_feasible(robot, equipment(**options), Surroundings(**cell), joints, direction)
+    kept, reasons = find_feasible_readings(
+        robot, equipment(**options), Surroundings(**cell), joints, direction
+    )
     assert kept.tolist() == [struck_out is None]
     assert reasons == ({} if struck_out is None else {struck_out: 1})
 
