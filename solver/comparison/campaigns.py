@@ -1,11 +1,12 @@
 """Estimates compared with each other: of two campaigns, such as before and after.
 
-All results follow from the campaigns' estimates. For each joint the ratio of the two stiffnesses has Fieller's
-interval, and a p-value of the hypothesis that the stiffness has not changed. On request both campaigns are
-fitted in one problem, in which no joint is softer in the second campaign. The share of the deflection that the
-second campaign avoids is measured where observations match, and predicted for all observations. For Gaussian ĉ₁, ĉ₂ the variable ``ĉ₁ − ρ ĉ₂`` has mean zero at
-the true ratio ρ = c₁/c₂ = k₂/k₁, so that ``|ĉ₁ − ρ ĉ₂| ≤ t √(s₁² + ρ² s₂²)`` holds with exactly the
-probability of t (E. C. Fieller, *Some problems in interval estimation*, J. R. Stat. Soc. B 16, 1954).
+All results follow from the campaigns' estimates. For each joint the ratio of the two stiffnesses has
+Fieller's interval, and a p-value of the hypothesis that the stiffness has not changed. On request both
+campaigns are fitted in one problem, in which no joint is softer in the second campaign. The share of the
+deflection that the second campaign avoids is measured where observations match, and predicted for all
+observations. For Gaussian ĉ₁, ĉ₂ the variable ``ĉ₁ − ρ ĉ₂`` has mean zero at the true ratio ρ = c₁/c₂ =
+k₂/k₁, so that ``|ĉ₁ − ρ ĉ₂| ≤ t √(s₁² + ρ² s₂²)`` holds with exactly the probability of t (E. C. Fieller,
+*Some problems in interval estimation*, J. R. Stat. Soc. B 16, 1954).
 
 A change over time is the difference of ``ln k = -ln c`` of two campaigns; it has the variance of the errors
 that they do not share, and Student's distribution where their sigmas come from residuals.
@@ -289,8 +290,9 @@ def fit_ordered(
     """Fit both campaigns in one problem subject to ``c_second ≤ c_first`` for every joint (method.md §5).
 
     The unknowns are the 2 n compliances, with the likelihood of both Gaussian estimates. The optimum weights
-    the estimates with the noise of the readings alone. The intervals use all errors, and are widened to contain
-    the optimum. A joint that a campaign does not show has no interval, and does not constrain the other campaign.
+    the estimates with the noise of the readings alone. The intervals use all errors, and are widened to
+    contain the optimum. A joint that a campaign does not show has no interval, and does not constrain the
+    other campaign.
 
     Args:
         sides: the softer campaign, such as with motor encoders in the loop, and the stiffer campaign.
@@ -319,7 +321,8 @@ def fit_ordered(
         np.concatenate([first_constraints.bounds.lower, second_constraints.bounds.lower]),
         np.concatenate([first_constraints.bounds.upper, second_constraints.bounds.upper]),
     )
-    # In an order, (i, j) states c_i ≤ c_j; the compliances of the second campaign have the numbers n to 2 n − 1.
+    # In an order, (i, j) states c_i ≤ c_j; the compliances of the second campaign have the numbers n to 2 n −
+    # 1.
     order: Order = (*first_constraints.order, *((n + i, n + j) for i, j in second_constraints.order))
     separate = Constraints(bounds, order)
     together = Constraints(bounds, (*((n + j, j) for j in range(n)), *order))
@@ -336,7 +339,9 @@ def fit_ordered(
     c[known] = fits[0].compliance
     squares = [float(np.square(R @ (fit.compliance - centre[known])).sum()) for fit in fits]
     quantile = student_quantile(0.5 + confidence / 2, min(each.degrees_of_freedom for each in free))
-    likelihood = Likelihood(np.arange(len(known)), centre[known], block_diag(*all_errors)[np.ix_(known, known)])
+    likelihood = Likelihood(
+        np.arange(len(known)), centre[known], block_diag(*all_errors)[np.ix_(known, known)]
+    )
     every = np.eye(len(known))
     low, high = compute_profile_ends(likelihood, together.select(known), every, np.array([quantile]))[0].T
     ends[known] = np.stack([np.minimum(low, c[known]), np.maximum(high, c[known])], axis=1)
@@ -562,7 +567,8 @@ def _estimate_avoided_share(first: float, second: float, u_first: float, u_secon
 
 
 MOST_RELATIVE: Final = 0.25
-"""Greatest u(c) / c of estimates that are compared over time: above, ln c is neither normal nor free of bias."""
+"""Greatest u(c) / c of estimates that are compared over time: above, ln c is neither normal nor free of
+bias."""
 _MOST_SHARED: Final = 0.999999
 """Greatest share of an uncertainty that errors common to all campaigns may have: readings have own errors."""
 CHANGED_LEVEL: Final = 0.05
@@ -584,7 +590,8 @@ class Change:
         """Return the change of ln k from the first to the second campaign.
 
         Args:
-            first: ln k of the first campaign, and the standard uncertainty from errors of this campaign alone.
+            first: ln k of the first campaign, and the standard uncertainty from errors of this campaign
+                alone.
             second: ln k and standard uncertainty of the second campaign.
             degrees_of_freedom: the fewer degrees of freedom of the two uncertainties, so that a change is
                 found significant by chance at most as often as the level says.
