@@ -170,7 +170,7 @@ def compare_sides(first: Side, second: Side, *, confidence: float, ordered: bool
 
 
 def models_differ(first: Robot, second: Robot) -> bool:
-    """Return whether two robots with the same joints differ in geometry or joint map, tested in two postures."""
+    """Return whether two robots with the same joints differ in geometry or joint map (in two postures)."""
     if first is second:
         return False
     postures = np.stack([np.zeros(first.n), np.linspace(0.3, 1.1, first.n)])
@@ -392,10 +392,11 @@ def find_force_unit_mistake(one: Measurements, two: Measurements, matches: Match
             return Finding(
                 code="force_unit_suspect",
                 weight="do_not_use",
-                message=f"the forces of the second side are {figure(ratio, '.3g')} times those of the first "
-                f"in the same postures, the deflections {figure(1.0 - share.value, '.3g')} times: probably "
-                f"{other} read as {unit} on the second side, or {unit} as {other} on the first",
-                remedy="correct `units.force` of the side that states it wrongly",
+                message="in the same postures, the forces of the second campaign are "
+                f"{figure(ratio, '.3g')} times those of the first, but the deflections "
+                f"{figure(1.0 - share.value, '.3g')} times: probably {other} were read as {unit} in the "
+                f"second campaign, or {unit} as {other} in the first",
+                remedy="correct `units.force` of the campaign that states it wrongly",
             )
     return None
 
@@ -549,7 +550,7 @@ def _compute_avoided_share(first: float, second: float) -> float | None:
 
 
 def _estimate_avoided_share(first: float, second: float, u_first: float, u_second: float) -> Estimate | None:
-    """Estimate the avoided share ``1 − second/first`` of a mean deflection, with its uncertainty (GUM, 5.1.2).
+    """Estimate the avoided share ``1 − second/first`` of a mean deflection (GUM, 5.1.2).
 
     The result is None if the first deflection is zero.
 

@@ -438,7 +438,7 @@ class Candidates:
             G: (p, p) symmetric supporting matrix of a criterion.
         """
         products = self._price_pairs_of_axes(slice(None), G)
-        return greatest_eigenvalue(_arrange_as_symmetric_matrices(products)) if self.free else products[:, 0]
+        return greatest_eigenvalue(_arrange_symmetric(products)) if self.free else products[:, 0]
 
     def build_atoms(self, index: IndexArray, G: FloatArray) -> Atoms:
         """Return candidates as atoms, each under the load with the greatest price ``⟨G, K_i⟩``.
@@ -449,8 +449,9 @@ class Candidates:
         """
         force = np.zeros((len(index), 3))
         if self.free:
-            # The eigenvector of the greatest eigenvalue, the last one, is the direction of the greatest price.
-            forms = _arrange_as_symmetric_matrices(self._price_pairs_of_axes(index, G)).T
+            # The eigenvector of the greatest eigenvalue, the last one, is the direction of the greatest
+            # price.
+            forms = _arrange_symmetric(self._price_pairs_of_axes(index, G)).T
             force = np.linalg.eigh(forms)[1][:, :, -1]
         return self.build_atoms_under(index, force)
 
@@ -490,7 +491,7 @@ class Candidates:
         return np.asarray(K.reshape(*K.shape[:2], -1) @ (self._squares * G).ravel())
 
 
-def _arrange_as_symmetric_matrices(products: FloatArray) -> FloatArray:
+def _arrange_symmetric(products: FloatArray) -> FloatArray:
     """Arrange the prices (N, 6) of pairs of axes xx, xy, xz, yy, yz, zz as symmetric matrices (3, 3, N)."""
     return products.T[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
 
