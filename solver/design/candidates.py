@@ -68,7 +68,7 @@ class Equipment:
     sigma: float  #: standard uncertainty of one coordinate of one reading [m]
     instrument: Instrument | None = None  #: the tracker at its station; isotropic noise of sigma if None
 
-    def measurements(
+    def build_measurements(
         self, robot: Robot, joints: FloatArray, force: FloatArray, along: FloatArray | None = None
     ) -> Measurements:
         """Build the measurements of N planned readings, with zero deflections and the expected covariance.
@@ -179,17 +179,7 @@ def find_feasible_readings(
             apart = compute_segment_distances(points[:, i], points[:, i + 1], points[:, j], points[:, j + 1])
             excluded["self_collision"] |= apart < 2.0 * radius
     if equipment.instrument is not None:
-        station = np.array(equipment.instrument.station)
-        hidden = [
-            _is_crossed_by_link(points, radius, station, targets[:, t]) for t in range(targets.shape[1])
-        ]
-        excluded["line_of_sight"] = np.any(hidden, axis=0)
-        if cell.facing:
-            facing = np.array(list(cell.facing.values()))
-            sight, look = station - targets, facing @ at.flange_rotation.transpose(0, 2, 1)
-            norms = np.linalg.norm(sight, axis=2) * np.linalg.norm(look, axis=2)
-            away = (sight * look).sum(axis=2) / norms < np.cos(cell.acceptance)
-            excluded["reflector_acceptance"] = away.any(axis=1)
+        excluded |= _check_sight(equipment.instrument, cell, at, points, targets, radius)
     if direction is not None and equipment.loads.kind == "cable":
         # Each reading's cable leads to the anchor whose direction is nearest to the force.
         towards = equipment.loads.anchors - load[:, None]
@@ -201,6 +191,39 @@ def find_feasible_readings(
     feasible = ~np.any(list(excluded.values()), axis=0)
     counts = {reason: int(((first_reason == i) & ~feasible).sum()) for i, reason in enumerate(excluded)}
     return feasible, {reason: number for reason, number in counts.items() if number}
+
+
+def _check_sight(
+    instrument: Instrument,
+    cell: Surroundings,
+    at: Postures,
+    points: FloatArray,
+    targets: FloatArray,
+    radius: float,
+) -> dict[str, BoolArray]:
+    """Find the postures in which the instrument does not see every target.
+
+    Args:
+        instrument: instrument at its station.
+        cell: surroundings, with the directions and the acceptance angle of the reflectors.
+        at: kinematics of N postures.
+        points: (N, P, 3) ends of the links in R0 [m].
+        targets: (N, T, 3) in R0 [m].
+        radius: radius of the links [m].
+
+    Returns:
+        Reason → mask (N,) of the postures that the reason excludes.
+    """
+    station = np.array(instrument.station)
+    hidden = [_is_crossed_by_link(points, radius, station, targets[:, t]) for t in range(targets.shape[1])]
+    excluded = {"line_of_sight": np.any(hidden, axis=0)}
+    if cell.facing:
+        facing = np.array(list(cell.facing.values()))
+        sight, look = station - targets, facing @ at.flange_rotation.transpose(0, 2, 1)
+        norms = np.linalg.norm(sight, axis=2) * np.linalg.norm(look, axis=2)
+        turned_away = (sight * look).sum(axis=2) / norms < np.cos(cell.acceptance)
+        excluded["reflector_acceptance"] = turned_away.any(axis=1)
+    return excluded
 
 
 def _find_out_of_bounds(
@@ -477,20 +500,34 @@ def choose_parameters(
     relative[columns, np.arange(len(columns))] = unit[columns]
     nuisance = np.eye(rows.shape[1])[:, n:]
     if link_share is not None and nuisance.size:
-        # Keep the combinations of link compliances that matter, scaled to unit prior variance.
-        links = predicted[:, n:]
-        link_size = np.sqrt(np.square(links).mean(axis=0))
-        effective = link_size > _NOT_EXCITED * link_size.max()
         joint_deflection = np.sqrt(np.square(predicted[:, :n] * unit * excited).sum(axis=1).mean())
-        entry_deflection = link_share * joint_deflection / np.sqrt(effective.sum())
-        deviation = np.where(effective, entry_deflection / np.where(effective, link_size, 1.0), 0.0)
-        variances, directions = np.linalg.eigh((links.T @ links) * np.outer(deviation, deviation))
-        # The variances ascend: leave out the least ones, as long as their sum is at most the share
-        # LEFT_OUT_SHARE.
-        kept = np.cumsum(np.maximum(variances, 0.0)) > LEFT_OUT_SHARE * variances.sum()
-        nuisance = nuisance @ (deviation[:, None] * directions[:, kept])
+        nuisance = nuisance @ _combine_link_compliances(predicted[:, n:], link_share * joint_deflection)
     prior = np.diag(np.r_[np.zeros(len(columns)), np.ones(nuisance.shape[1])])
     return Parameters(chosen, unit, known, np.hstack([relative, nuisance]), prior)
+
+
+def _combine_link_compliances(links: FloatArray, deflection: float) -> FloatArray:
+    """Return the combinations of link compliances that matter to predictions, with unit prior variance.
+
+    Each entry of the compliance matrices is assumed to contribute equally to the deflection by links. The
+    combinations with the least prior variance of predictions, together a share `LEFT_OUT_SHARE`, are left
+    out.
+
+    Args:
+        links: (L, P) rows of the deflections to predict, columns of the link compliances.
+        deflection: root mean square deflection by all links together [unit of the rows].
+
+    Returns:
+        (P, m) combinations as columns.
+    """
+    size = np.sqrt(np.square(links).mean(axis=0))
+    effective = size > _NOT_EXCITED * size.max()
+    entry_deflection = deflection / np.sqrt(effective.sum())
+    deviation = np.where(effective, entry_deflection / np.where(effective, size, 1.0), 0.0)
+    variances, directions = np.linalg.eigh((links.T @ links) * np.outer(deviation, deviation))
+    # The variances ascend: leave out the first, as long as their sum is at most the share left out.
+    kept = np.cumsum(np.maximum(variances, 0.0)) > LEFT_OUT_SHARE * variances.sum()
+    return np.asarray(deviation[:, None] * directions[:, kept])
 
 
 @dataclass(frozen=True, eq=False)
@@ -521,12 +558,7 @@ class Pool:
         readings, inside, struck_out = _select_feasible_readings(robot, request)
         count = len(readings.joints)
         if request.links or request.own_weight_rows is not None:
-            # Keep at most `_MOST_WITH_NUISANCE` readings, evenly spread, those in the work area first.
-            kept = np.zeros(count, dtype=np.bool_)
-            for index in (np.flatnonzero(inside), np.flatnonzero(~inside)):
-                still_free = _MOST_WITH_NUISANCE - int(kept.sum())
-                if still_free > 0:
-                    kept[index[:: max(1, -(-len(index) // still_free))]] = True
+            kept = _thin_out_readings(inside)
             readings, inside = readings[kept], inside[kept]
         predicted = (
             None
@@ -578,6 +610,20 @@ class Pool:
         """
         forces = self.readings.forces[index]
         return (unit[:, None] @ forces)[:, 0] if self.candidates.free else forces[:, 0]
+
+
+def _thin_out_readings(inside: BoolArray) -> BoolArray:
+    """Return a mask (N,) of at most `_MOST_WITH_NUISANCE` readings, those in the work area first.
+
+    Args:
+        inside: (N,) mask of the readings in the work area.
+    """
+    kept = np.zeros(len(inside), dtype=np.bool_)
+    for index in (np.flatnonzero(inside), np.flatnonzero(~inside)):
+        still_free = _MOST_WITH_NUISANCE - int(kept.sum())
+        if still_free > 0:
+            kept[index[:: max(1, -(-len(index) // still_free))]] = True  # evenly spread
+    return kept
 
 
 def _select_feasible_readings(

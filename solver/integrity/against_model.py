@@ -169,19 +169,7 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     place = find_consensus_places(seen)
     agree = greatest_distances(seen, place) <= LARGEST_MODEL_ERROR
     sample = sample_rows(rows)
-    joints, trials = view.measurements.joints, []
-    units = propose_unit_mistakes(joints[sample], view.robot.prismatic)
-    for h in (*units, *propose_angle_mistakes(joints, sample, view.robot.joint_names)):
-        chosen = sample[h.rows]
-        at = Postures(view.robot, view.robot.joint_map.model_angles(h.joints))
-        corrected = seen_from_flange(at, h.length * view.measurements.position[chosen], view.measured[chosen])
-        corrected_place = find_consensus_places(corrected)
-        trials.append((h, corrected_place, greatest_distances(corrected, corrected_place)))
-    # The best hypothesis brings most rows to one place, and of several such it gives the least median
-    # distance.
-    best, corrected_place, apart = max(
-        trials, key=lambda each: (np.sum(each[2] <= LARGEST_MODEL_ERROR), -median(each[2]))
-    )
+    best, corrected_place, apart = _find_best_hypothesis(view, sample)
     near = apart <= LARGEST_MODEL_ERROR
     count, posted_share = int(near.sum()), float(agree.mean())
     # The whole set is mistaken if the correction explains most rows, and clearly more than the posted values.
@@ -192,7 +180,7 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
             f"{length_text(float(apart[near].max()))}"
         )
         if best.unit is not None:
-            return [view.suspect_other_unit(best.unit, effect)], ~good
+            return [view.suspect_other_unit(best.unit, effect)], ~good  # no row may be checked further
         return [view.build_finding(best.code, effect, best.remedy, "do_not_use")], ~good
     # If many rows are shifted, the places of the corrected rows are right, not those of the posted rows.
     if best.code == "observations_out_of_order" and count / len(sample) > posted_share:
@@ -201,7 +189,32 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     exchanged, under_load = _find_exchanges_under_load(view, rows[agree], place)
     good[[*rows[~agree], *exchanged]] = False
     findings = [*_inspect_disagreeing_rows(view, rows[~agree], seen[~agree], place), *under_load]
+    # If less than half of the rows agree, no row may be checked further.
     return findings, good & (agree.sum() >= max(2, len(rows) // 2))
+
+
+def _find_best_hypothesis(view: View, sample: IndexArray) -> tuple[Hypothesis, FloatArray, FloatArray]:
+    """Find the mistake in units or angles whose correction brings most rows to the same places on the flange.
+
+    Of several such mistakes, the one with the least median distance of the targets is returned.
+
+    Args:
+        view: measurement set.
+        sample: indices of the rows that are corrected.
+
+    Returns:
+        The mistake; the places (T, 3) of the targets on the flange after the correction [m]; and the greatest
+        distance (M,) of a target from its place in each corrected row [m].
+    """
+    joints, trials = view.measurements.joints, []
+    units = propose_unit_mistakes(joints[sample], view.robot.prismatic)
+    for h in (*units, *propose_angle_mistakes(joints, sample, view.robot.joint_names)):
+        chosen = sample[h.rows]
+        at = Postures(view.robot, view.robot.joint_map.model_angles(h.joints))
+        corrected = seen_from_flange(at, h.length * view.measurements.position[chosen], view.measured[chosen])
+        place = find_consensus_places(corrected)
+        trials.append((h, place, greatest_distances(corrected, place)))
+    return max(trials, key=lambda each: (np.sum(each[2] <= LARGEST_MODEL_ERROR), -median(each[2])))
 
 
 def _inspect_disagreeing_rows(

@@ -16,7 +16,7 @@ from jointstiff.schemas.plan import DecisionGoal, Goal, JointsGoal
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.design.candidates import PlanRequest, Pool, build_known_rows
 from jointstiff.solver.design.optimum import AOptimality, Atoms, compute_uncertainties
-from jointstiff.solver.design.plan import Distinct
+from jointstiff.solver.design.plan import DistinctPostures
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
@@ -204,7 +204,7 @@ class CandidateReadings:
             rows = build_known_rows(self.robot, self.request, readings) @ parameters.basis
             M = M + rows.T @ rows / (readings.sigma or self.request.equipment.sigma) ** 2
         vague = np.diag(np.full(len(M), _BEFORE**-2.0))
-        distinct = Distinct(self.pool.readings.joints, self.request.angle)
+        distinct = DistinctPostures(self.pool.readings.joints, self.request.angle)
         free = np.ones(len(candidates), dtype=np.bool_)
         for posture in taken:
             free &= np.abs(distinct.postures - posture).max(axis=1) >= self.request.angle
@@ -217,7 +217,10 @@ class CandidateReadings:
         ratio = np.ones(len(expected))
         certain = np.isfinite(share.each) & np.isfinite(expected)
         ratio[certain] = np.clip(share.each[certain] / expected[certain], *_RATIO)
-        force, anchor = self.pool.force(best.force, best.index)[0], int(self.pool.readings.anchor[first])
+        force, anchor = (
+            self.pool.candidate_forces(best.force, best.index)[0],
+            int(self.pool.readings.anchor[first]),
+        )
         for count in range(1, MOST_MORE + 1):
             M = M + best.information[0]
             free &= ~distinct.find_conflicts(int(best.index[0]))
@@ -226,7 +229,7 @@ class CandidateReadings:
                 break
             if not free.any():
                 break
-            best = candidates.best(criterion.support(M + vague), free)
+            best = candidates.find_highest_priced(criterion.support(M + vague), free)
         joints = self.pool.readings.joints[first]
         return NextReading(first, joints, force, None if anchor < 0 else anchor, missing)
 
@@ -261,7 +264,7 @@ class CandidateReadings:
         G = criterion.support(M)
         prices = np.where(free, self.pool.candidates.prices(G), -np.inf)
         index = np.argsort(-prices)[: min(_TRIED, int(free.sum()))]
-        tried = self.pool.candidates.atoms(index, G)
+        tried = self.pool.candidates.build_atoms(index, G)
         left = 1.0 / criterion.information(M + tried.information)
         good = np.flatnonzero(left <= _AS_GOOD * left.min())
         far = left[good] if at is None else np.abs(self.pool.readings.joints[index[good]] - at).max(axis=1)

@@ -462,11 +462,12 @@ class ElasticPredictor(ForwardModel):
         jacobian = unloaded.pose_jacobian_at(place)
         load_jacobian = unloaded.jacobian_at(load_point)[:, 0]
         torque = unloaded.joint_torque(load_jacobian, cases.force, cases.moment)
+        # Motion of the place per motion of each frame, and the wrench of the load in each frame
         moves = np.zeros((*R.shape[:2], 6, 6))
         moves[..., :3, :3] = moves[..., 3:, 3:] = R
         moves[..., :3, 3:] = -skew(place - origin) @ R
-        about = cases.moment[:, None] + np.cross(load_point - origin, cases.force[:, None])
-        wrench = np.concatenate([cases.force[:, None, None] @ R, about[:, :, None] @ R], axis=-1)
+        moment = cases.moment[:, None] + np.cross(load_point - origin, cases.force[:, None])
+        wrench = np.concatenate([cases.force[:, None, None] @ R, moment[:, :, None] @ R], axis=-1)
         of_joints, of_links = self.matrices
         motion = (jacobian @ (torque @ of_joints)[..., None])[..., 0]
         motion = motion + (moves @ (wrench @ of_links).mT)[..., 0].sum(axis=1)
