@@ -62,7 +62,9 @@ _ALIKE: Final = 0.5
 """Greatest relative difference of the deflections at which forces that differ are taken for a wrong unit."""
 _FORCE_UNITS: Final = {"N": 1.0, "kgf": float(-STANDARD_GRAVITY[2]), "kN": 1e3}
 """Size [N] of units of force that people confuse."""
-_UNKNOWN: Final = "its uncertainty is unknown in one of the sets: state `noise`, or add observations"
+_UNKNOWN: Final = (
+    "the uncertainty of the joint is unknown in one of the sets: state `noise`, or add observations"
+)
 _NEGATIVE: Final = "the readings give a negative compliance in one of the sets"
 
 

@@ -489,7 +489,8 @@ def choose_parameters(
         raise RequestError(
             f"no candidate load twists {joints}, or no target moves with it",
             where="joints",
-            remedy="allow loads in other directions, or name the joints to be determined, without these",
+            remedy="allow loads in other directions, "
+            "or list the joints to be determined without these joints",
         )
     known = np.isfinite(nominal) & (np.nan_to_num(nominal) > 0.0)
     # A joint of unknown compliance is assumed to move the targets as much as a typical joint (the median).

@@ -533,7 +533,8 @@ class DesignProblem:
                 f"{len(values)} parameters"
                 + (f"; no load changes parameter {unchanged}" if unchanged else ""),
                 where="candidates",
-                remedy="add loads or postures that change the missing parameters, or leave these out",
+                remedy="add loads or postures that change the missing parameters, "
+                "or leave these parameters out",
             )
         self.readings = readings
         self.candidates = candidates.scaled(unit)

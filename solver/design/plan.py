@@ -120,9 +120,8 @@ class CampaignPlan:
     efficiencies: Mapping[PlanCriterion, float]  #: efficiency of the list for each criterion that applies
     pool: Pool  #: the candidates, the parameters to determine, and the numbers of infeasible readings
     uncertainty: FloatArray  #: (s,) standard uncertainty of each joint's relative compliance after the list
-    uncertainty_before: (
-        FloatArray  #: (s,) the uncertainty before the list; inf where the joint is not determined
-    )
+    #: (s,) the uncertainty before the list; inf where the joint is not determined
+    uncertainty_before: FloatArray
     #: standard uncertainty of the predicted deflection in the work area under the load [m]: root mean
     #: square and greatest; None without a work area
     deflection: tuple[float, float] | None
@@ -287,9 +286,11 @@ def find_least_readings(
     while (reached := compute_share(high)) > 1.0:
         if high >= most:
             raise RequestError(
-                f"{MAX_READINGS} readings leave {figure(reached, '.3g')} times the uncertainty of the goal",
+                f"with {MAX_READINGS} readings, the most of a plan, the uncertainty is "
+                f"{figure(reached, '.3g')} times that of the goal",
                 where="goal",
-                remedy="choose a wider goal, a greater load, more targets, or less noise",
+                remedy="choose a goal with a greater uncertainty, "
+                "a greater load, more targets, or less noise",
             )
         low, high = high, min(most, max(high + 1, int(min(high * reached**2, most))))
     while high - low > 1:
@@ -326,7 +327,8 @@ def _draw_validation_readings(
             allowed &= ~distinct.find_conflicts(i)
     if len(validation) < count:
         raise RequestError(
-            f"{len(validation)} of {count} readings for validation are in postures distinct from the others",
+            f"only {len(validation)} of {count} readings for validation are in postures distinct from "
+            "all others",
             where="distinct_angle",
             remedy="request fewer readings, a smaller angle, or more candidates",
         )
@@ -768,15 +770,7 @@ def advise_next_readings(robot: Robot, measurements: Measurements, estimate: Est
         At most two pieces of advice for each joint, the better first; an empty tuple if all joints are well
         determined or no force was applied.
     """
-    # Rank joints: first those without a compliance or with compliance zero, then by relative uncertainty.
-    relative = np.zeros(len(estimate.joints))
-    for j, joint in enumerate(estimate.joints):
-        if joint.status == "not_observable" or joint.compliance == 0.0:
-            relative[j] = np.inf
-        elif joint.compliance is not None and joint.standard_uncertainty is not None:
-            relative[j] = joint.standard_uncertainty / abs(joint.compliance)
-    worst = np.argsort(-relative, kind="stable")[:MOST_JOINTS]
-    joints = worst[relative[worst] > LARGEST_RELATIVE_UNCERTAINTY]
+    joints = _select_poor_joints(estimate)
     if not len(joints) or not measurements.force.any():
         return ()
     count = int(np.clip(36 * MOST_POSTURES // robot.n**2, 4, MOST_POSTURES))
@@ -813,6 +807,21 @@ def advise_next_readings(robot: Robot, measurements: Measurements, estimate: Est
             useful = useful[:1]
         advice += [fields for _, fields in sorted(useful, key=itemgetter(0))]
     return tuple(validate_list(Advice, advice))
+
+
+def _select_poor_joints(estimate: Estimate) -> IndexArray:
+    """Return the indices of at most `MOST_JOINTS` joints that are poorly determined, the worst first.
+
+    Joints without a compliance or with compliance zero come first, then the others by relative uncertainty.
+    """
+    relative = np.zeros(len(estimate.joints))
+    for j, joint in enumerate(estimate.joints):
+        if joint.status == "not_observable" or joint.compliance == 0.0:
+            relative[j] = np.inf
+        elif joint.compliance is not None and joint.standard_uncertainty is not None:
+            relative[j] = joint.standard_uncertainty / abs(joint.compliance)
+    worst = np.argsort(-relative, kind="stable")[:MOST_JOINTS]
+    return np.asarray(worst[relative[worst] > LARGEST_RELATIVE_UNCERTAINTY])
 
 
 def draw_new_postures(robot: Robot, measurements: Measurements, count: int) -> FloatArray:

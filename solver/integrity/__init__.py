@@ -18,7 +18,7 @@ from jointstiff.solver.integrity.against_model import (
     inspect_response,
     inspect_rigidity,
 )
-from jointstiff.solver.integrity.other_robots import KnownRobot, inspect_robots
+from jointstiff.solver.integrity.other_robots import KnownRobot, inspect_other_robots
 from jointstiff.solver.integrity.values import View, inspect_repeats, inspect_values
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
@@ -55,7 +55,7 @@ def inspect_measurements(
     # If another robot explains the positions, this is the only finding about places, and no row is checked
     # further.
     if any(finding.code == "target_off_model" and finding.weight == "do_not_use" for finding in suspects):
-        fitting = list(inspect_robots(view, others))
+        fitting = list(inspect_other_robots(view, others))
         suspects, good = (fitting, np.zeros_like(good)) if fitting else (suspects, good)
     exchanged = {finding.where for finding in suspects if finding.code == "targets_swapped"}
     # Exchanged names of targets explain a large deflection: only the exchange is reported.

@@ -30,10 +30,10 @@ from jointstiff.solver.integrity.values import (
     OTHER_UNITS,
     SAME_ANGLE,
     View,
+    compute_norm_quantile,
+    estimate_coordinate_scale,
     median,
-    seen_from_flange,
-    vector_quantile,
-    vector_scale,
+    transform_to_flange,
 )
 from jointstiff.solver.mechanics.block import RegressorBlock, regressor_blocks, whole_block
 from jointstiff.solver.mechanics.measurements import Measurements
@@ -171,6 +171,8 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     sample = sample_rows(rows)
     best, corrected_place, apart = _find_best_hypothesis(view, sample)
     near = apart <= LARGEST_MODEL_ERROR
+    # `count` of the sampled rows are explained by the correction; `posted_share` is the fraction explained as
+    # posted.
     count, posted_share = int(near.sum()), float(agree.mean())
     # The whole set is mistaken if the correction explains most rows, and clearly more than the posted values.
     if count >= EXPLAINED * len(sample) and count / len(sample) > posted_share + 0.1:
@@ -211,7 +213,9 @@ def _find_best_hypothesis(view: View, sample: IndexArray) -> tuple[Hypothesis, F
     for h in (*units, *propose_angle_mistakes(joints, sample, view.robot.joint_names)):
         chosen = sample[h.rows]
         at = Postures(view.robot, view.robot.joint_map.model_angles(h.joints))
-        corrected = seen_from_flange(at, h.length * view.measurements.position[chosen], view.measured[chosen])
+        corrected = transform_to_flange(
+            at, h.length * view.measurements.position[chosen], view.measured[chosen]
+        )
         place = find_consensus_places(corrected)
         trials.append((h, place, greatest_distances(corrected, place)))
     return max(trials, key=lambda each: (np.sum(each[2] <= LARGEST_MODEL_ERROR), -median(each[2])))
@@ -464,8 +468,8 @@ def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
         yield view.build_finding(
             "target_moved",
             f"from here on, '{names[step.target]}' is displaced by {length_text(step.size)} on "
-            f"the flange, relative to the other targets; {figure(step.ratio, '.3g')} times the limit for "
-            "chance",
+            f"the flange, relative to the other targets: {figure(step.ratio, '.3g')} times as far as chance "
+            "allows",
             "check that the target is attached firmly; treat it as another target from here on "
             "(another name), or repeat",
             "do_not_use",
@@ -587,9 +591,9 @@ def find_step(places: FloatArray, joints: FloatArray, limit_factor: float = 1.0)
     if not series:
         return None
     changes = np.concatenate([np.diff(y, axis=0) for _, _, y in series])
-    scale = vector_scale(np.linalg.norm(changes, axis=1)) / np.sqrt(2.0)
+    scale = estimate_coordinate_scale(np.linalg.norm(changes, axis=1)) / np.sqrt(2.0)
     degrees_of_freedom = 3.0 * len(changes) * (len(series) - 1) / len(series)
-    limit = limit_factor * MODEL_ALLOWANCE * vector_quantile(len(changes), degrees_of_freedom)
+    limit = limit_factor * MODEL_ALLOWANCE * compute_norm_quantile(len(changes), degrees_of_freedom)
     posture, best = np.round(joints / SAME_ANGLE), None
     for t, rows, y in series:
         # The most significant step (3,) [m], and the number k of rows before it
@@ -598,7 +602,7 @@ def find_step(places: FloatArray, joints: FloatArray, limit_factor: float = 1.0)
         shifts = (sums[-1] - sums[:-1]) / (len(y) - before)[:, None] - sums[:-1] / before[:, None]
         k = 1 + int((before * (len(y) - before) * (shifts**2).sum(axis=1)).argmax())
         deviations = np.concatenate([y[:k] - y[:k].mean(axis=0), y[k:] - y[k:].mean(axis=0)])
-        scatter = max(scale, vector_scale(np.linalg.norm(deviations, axis=1)), 1e-9)
+        scatter = max(scale, estimate_coordinate_scale(np.linalg.norm(deviations, axis=1)), 1e-9)
         size = float(np.linalg.norm(shifts[k - 1]))
         ratio = size / (limit * scatter * np.sqrt(1.0 / k + 1.0 / (len(y) - k)))
         if not ratio > (best.ratio if best else 1.0):
@@ -933,18 +937,18 @@ def _find_residual_outliers(
     freedom = coordinates * count - springs.parameters
     if freedom < springs.parameters:  # too few readings for a typical residual
         return
-    scale = vector_scale(norm[compared], coordinates) * np.sqrt(coordinates * count / freedom)
-    limit = MODEL_ALLOWANCE * vector_quantile(count, freedom, coordinates) * scale
+    scale = estimate_coordinate_scale(norm[compared], coordinates) * np.sqrt(coordinates * count / freedom)
+    limit = MODEL_ALLOWANCE * compute_norm_quantile(count, freedom, coordinates) * scale
     # Limit from the stated noise, which is known: its degrees of freedom are practically infinite.
-    noise_limit = vector_quantile(count, 1e6, coordinates) * np.sqrt(2.0) * view.reading_sigma[rows]
+    noise_limit = compute_norm_quantile(count, 1e6, coordinates) * np.sqrt(2.0) * view.reading_sigma[rows]
     # A residual has to be unusual relative to the deflection, too, as parts other than joints bend with the
     # load.
     deflection = np.maximum(
         np.linalg.norm(part.deflection, axis=2), np.linalg.norm(springs.predicted, axis=2)
     )
     share = norm / np.maximum(deflection, 1e-300)
-    share_limit = MODEL_ALLOWANCE * vector_quantile(count, coordinates * count, coordinates)
-    share_limit *= vector_scale(share[compared], coordinates)
+    share_limit = MODEL_ALLOWANCE * compute_norm_quantile(count, coordinates * count, coordinates)
+    share_limit *= estimate_coordinate_scale(share[compared], coordinates)
     beyond = compared & (norm > np.maximum(max(limit, SMALLEST_RESIDUAL), noise_limit))
     beyond &= share > min(share_limit, UNEXPLAINED)
     for k in np.flatnonzero(beyond.any(axis=1)):

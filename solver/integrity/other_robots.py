@@ -18,7 +18,7 @@ from jointstiff.solver.integrity.against_model import (
     greatest_distances,
     sample_rows,
 )
-from jointstiff.solver.integrity.values import View, median, seen_from_flange
+from jointstiff.solver.integrity.values import View, median, transform_to_flange
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
@@ -56,7 +56,7 @@ class _Fit:
     typical: float  #: median distance from the place in all observations [m]
 
 
-def inspect_robots(view: View, others: Iterable[KnownRobot]) -> Iterator[Finding]:
+def inspect_other_robots(view: View, others: Iterable[KnownRobot]) -> Iterator[Finding]:
     """Report other robots that explain the positions better than the chosen robot, the best first.
 
     A robot explains an observation if the targets are at their usual places on its flange, within
@@ -110,7 +110,7 @@ def _measure_target_distances(robot: Robot, part: Measurements, useful: BoolArra
         (M,) distances [m].
     """
     at = Postures(robot, robot.joint_map.model_angles(part.joints))
-    seen = seen_from_flange(at, part.position, useful)
+    seen = transform_to_flange(at, part.position, useful)
     return greatest_distances(seen, find_consensus_places(seen))
 
 

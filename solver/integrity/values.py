@@ -127,7 +127,7 @@ class View:
 
         Targets are fixed to the flange, so with a perfect model a target has the same place in all rows.
         """
-        return seen_from_flange(self.postures, self.measurements.position, self.measured)
+        return transform_to_flange(self.postures, self.measurements.position, self.measured)
 
     @cached_property
     def reading_sigma(self) -> FloatArray:
@@ -154,12 +154,12 @@ class View:
         return np.asarray(self.measurements.force.any(axis=1) | self.measurements.moment.any(axis=1))
 
 
-def seen_from_flange(postures: Postures, position: FloatArray, measured: BoolArray) -> FloatArray:
+def transform_to_flange(postures: Postures, position: FloatArray, measured: BoolArray) -> FloatArray:
     """Transform positions (N, T, 3) from R0 to the flange frame [m]; NaN where not measured."""
     return np.where(measured[..., None], postures.to_flange(position), np.nan)
 
 
-def vector_quantile(comparisons: int, freedom: float, coordinates: int = 3) -> float:
+def compute_norm_quantile(comparisons: int, freedom: float, coordinates: int = 3) -> float:
     """Return the norm over the scale that any of several random vectors exceeds at level `FALSE_ALARM`.
 
     Args:
@@ -179,7 +179,7 @@ def median(sizes: FloatArray) -> float:
     return float(0.5 * (ordered[middle[0]] + ordered[middle[1]]))
 
 
-def vector_scale(norms: FloatArray, coordinates: int = 3) -> float:
+def estimate_coordinate_scale(norms: FloatArray, coordinates: int = 3) -> float:
     """Estimate the standard deviation of a coordinate from the norms (K,) of K vectors; 0 if K is 0."""
     # Median norm of a vector whose coordinates have the standard deviation 1
     unit_median = float(np.sqrt(2.0 * special.gammaincinv(0.5 * coordinates, 0.5)))
@@ -205,7 +205,7 @@ def inspect_angles(view: View) -> Iterator[Finding]:
     joints, turning = view.measurements.joints, ~view.robot.prismatic
     largest = float(np.abs(joints[:, turning]).max(initial=0.0))
     if not view.degrees and largest > _MANY_TURNS:
-        yield view.suspect_other_unit("deg", f"the largest one is {largest:.4g} rad, more than two turns")
+        yield view.suspect_other_unit("deg", f"the largest angle is {largest:.4g} rad, more than two turns")
     posted = float(np.rad2deg(largest))
     if view.degrees and 0 < posted <= _SMALL_DEGREES and len(joints) > 1:
         yield view.suspect_other_unit(
@@ -234,7 +234,7 @@ def inspect_rare_targets(view: View) -> Iterator[Finding]:
             "target_name_suspect",
             f"target '{view.measurements.targets[t]}' is read in only {count[t]} of {len(present)} "
             "observations",
-            "check the spelling of its name",
+            "check the spelling of the target's name",
             "use",
             row=int(present[:, t].argmax()),
         )

@@ -133,6 +133,7 @@ def find_postures_within_limits(
         indices of the places at which the branch could not be followed.
     """
     count = len(task.rotation)
+    # Pose of the flange at every place in every orientation
     poses = np.zeros((len(places), count, 4, 4))
     poses[..., 3, 3] = 1.0
     poses[..., :3, :3] = task.rotation

@@ -505,7 +505,7 @@ class ElasticPredictor(ForwardModel):
         raise RequestError(
             "no posture near this one brings the loaded tool to its place",
             where=f"cases[{int(np.argmax(np.abs(deviation).max(axis=1)))}]",
-            remedy="move the part away from the singularity, or give no load here",
+            remedy="move the part away from the singularity, or state no load in this posture",
         )
 
     def linear_displacement(self, cases: LoadCases, unloaded: Postures) -> FloatArray:

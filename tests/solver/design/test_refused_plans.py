@@ -55,7 +55,7 @@ FEWER = "request fewer readings, a smaller angle, or more candidates"
         (
             {"kind": "dead_weight", "joints": np.arange(6)},
             "joints | no candidate load twists joint_1, or no target moves with it | allow loads in "
-            "other directions, or name the joints to be determined, without these",
+            "other directions, or list the joints to be determined without these joints",
         ),
         (
             {"cell": Surroundings(floor=9.0)},
@@ -84,7 +84,7 @@ FEWER = "request fewer readings, a smaller angle, or more candidates"
         ),
         (
             {"postures": THREE, "validation": 0.5, "readings": 4},
-            "distinct_angle | 0 of 2 readings for validation are in postures distinct from the others | "
+            "distinct_angle | only 0 of 2 readings for validation are in postures distinct from all others | "
             f"{FEWER}",
         ),
     ],
@@ -105,7 +105,7 @@ def test_a_design_needs_candidates_that_determine_all_parameters_in_postures_apa
     rows = np.random.default_rng(1).standard_normal((30, 2, 4)) * [1.0, 0.3, 2.0, 0.7]
     assert refused(problem, rows * [1, 1, 0, 1]) == (
         "candidates | all candidates together determine 3 of 4 parameters; no load changes parameter "
-        "[2] | add loads or postures that change the missing parameters, or leave these out"
+        "[2] | add loads or postures that change the missing parameters, or leave these parameters out"
     )
     ten, three_postures = (
         problem(rows, 10),
