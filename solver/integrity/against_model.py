@@ -576,9 +576,9 @@ def find_step(places: FloatArray, joints: FloatArray, limit_factor: float = 1.0)
     """
     was_read = ~np.isnan(places[..., 0])
     target_count = was_read.sum(axis=1)
-    most_targets = target_count.max()
-    if len(places) < LEAST_ROWS or most_targets < 2:
+    if len(places) < LEAST_ROWS or target_count.max() < 2:
         return None
+    most_targets = target_count.max()
     filled = np.where(was_read[..., None], places, 0.0)
     # Only rows in which the greatest number of targets was read, so that the mean of the others is comparable
     rows_of_target = [np.flatnonzero(target & (target_count == most_targets)) for target in was_read.T]
@@ -635,9 +635,8 @@ def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
     rows = np.flatnonzero((measured == measured[measured.sum(axis=1).argmax()]).all(axis=1))
     if most_targets == 0 or len(rows) < LEAST_ROWS_OF_DRIFT or view.in_order:
         return
-    # Columns of the fit: motion of the barycentre due to joint offsets, its place on the flange, the base's
-    # position and the drift; then the barycentre's distance from its median place on the flange. Axes of R0
-    # [m].
+    # Columns of the fit, axes of R0 [m]: motion of the barycentre due to joint offsets, its place on the
+    # flange, the base's position and the drift; then the distance of the barycentre from its median place.
     at, targets = view.postures, measured[rows[0]]
     points = np.zeros((len(at), 1, 3))
     points[rows, 0] = view.measurements.position[rows][:, targets].mean(axis=1)

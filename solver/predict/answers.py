@@ -58,9 +58,8 @@ class MapTask:
     direction: FloatArray  #: (O, 3) unit vectors along which compliance is requested, axes of R0
     place: FloatArray  #: (3,) point of the tool that is brought to the places of the map, flange frame [m]
     load_point: FloatArray  #: (3,) where the force acts, flange frame [m]
-    limits: (
-        FloatArray  #: (n, 2) least and greatest angles as the controller shows them [rad]; ∓inf for no limit
-    )
+    #: (n, 2) least and greatest angles as the controller shows them [rad]; ∓inf for no limit
+    limits: FloatArray
     #: (n,) controller's angles [rad] to which the nearest posture is chosen; None to choose the stiffest
     #: posture
     near: FloatArray | None
