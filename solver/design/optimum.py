@@ -338,7 +338,7 @@ _LEAST_SHARE: Final = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Atoms:
-    """k candidate readings, each under one load; a design gives weights to these atoms."""
+    """Candidate readings (k), each under one load; a design gives weights to these atoms."""
 
     index: IndexArray  #: (k,) indices of the candidates
     force: FloatArray  #: (k, 3) unit vectors along the forces; used only where the direction is free
