@@ -17,7 +17,7 @@ from jointstiff.schemas.plan import DecisionGoal, Goal, JointsGoal
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.design.candidates import PlanRequest, Pool, build_known_rows
 from jointstiff.solver.design.optimum import AOptimality, Atoms, compute_uncertainties
-from jointstiff.solver.design.plan import Distinct
+from jointstiff.solver.design.plan import DistinctPostures
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
@@ -226,7 +226,7 @@ class CandidateReadings:
             M = M + rows.T @ rows / (readings.sigma or self.request.equipment.sigma) ** 2
         # A weak prior keeps the information regular before enough postures are read.
         weak_prior = np.diag(np.full(len(M), _BEFORE**-2.0))
-        distinct = Distinct(self.pool.readings.joints, self.request.angle)
+        distinct = DistinctPostures(self.pool.readings.joints, self.request.angle)
         free = np.ones(len(candidates), dtype=np.bool_)
         for posture in excluded:
             free &= np.abs(distinct.postures - posture).max(axis=1) >= self.request.angle
@@ -240,7 +240,10 @@ class CandidateReadings:
         ratio = np.ones(len(predicted))
         comparable = np.isfinite(share.ratios) & np.isfinite(predicted)
         ratio[comparable] = np.clip(share.ratios[comparable] / predicted[comparable], *_RATIO)
-        force, anchor = self.pool.force(best.force, best.index)[0], int(self.pool.readings.anchor[next_index])
+        force, anchor = (
+            self.pool.candidate_forces(best.force, best.index)[0],
+            int(self.pool.readings.anchor[next_index]),
+        )
         # Readings are added one after the other, until the predicted uncertainties meet the goal.
         for count in range(1, MOST_MORE + 1):
             M = M + best.information[0]
@@ -250,7 +253,7 @@ class CandidateReadings:
                 break
             if not free.any():
                 break
-            best = candidates.best(criterion.support(M + weak_prior), free)
+            best = candidates.find_highest_priced(criterion.support(M + weak_prior), free)
         joints = self.pool.readings.joints[next_index]
         return NextReading(next_index, joints, force, None if anchor < 0 else anchor, missing)
 
@@ -299,7 +302,7 @@ class CandidateReadings:
         G = criterion.support(M)
         prices = np.where(free, self.pool.candidates.prices(G), -np.inf)
         index = np.argsort(-prices)[: min(_TRIED, int(free.sum()))]
-        tried = self.pool.candidates.atoms(index, G)
+        tried = self.pool.candidates.build_atoms(index, G)
         variance = 1.0 / criterion.information(M + tried.information)
         good = np.flatnonzero(variance <= _AS_GOOD * variance.min())
         joints = self.pool.readings.joints[index[good]]

@@ -274,7 +274,7 @@ def to_design_request(
         angle=request.distinct_angle,
         validation=request.validation,
         so_far=so_far,
-        by_weight=None
+        own_weight_rows=None
         if load is None
         else make_planned_rows_function(
             robot,
@@ -333,8 +333,8 @@ def to_plan_result(
             kind=[robot.joint_kinds[j] for j in chosen],
             standard_uncertainty=c * plan.uncertainty,
             relative=np.where(known, plan.uncertainty, np.nan),
-            before=c * plan.before,
-            random=c * plan.random.uncertainty,
+            before=c * plan.uncertainty_before,
+            random=c * plan.random_plans.uncertainty,
             one_at_a_time=c * plan.one_at_a_time.uncertainty,
         ),
         left_out=[
@@ -343,7 +343,7 @@ def to_plan_result(
         criterion=request.criterion,
         elastic_links=request.links,
         weights_gap=max(plan.weights_gap, 0.0),
-        random_efficiency=plan.random.efficiency,
+        random_efficiency=plan.random_plans.efficiency,
         one_at_a_time_efficiency=plan.one_at_a_time.efficiency,
         deflection_uncertainty=plan.deflection and plan.deflection[0],
         worst_deflection_uncertainty=plan.deflection and plan.deflection[1],

@@ -65,8 +65,8 @@ from jointstiff.solver.predict.forward import (
     CorrectionLimits,
     ForwardModel,
     compensate,
-    ramp_shares,
-    residuals,
+    compute_pose_residuals,
+    compute_ramp_shares,
 )
 from jointstiff.solver.predict.models import EXTRAPOLATED
 
@@ -304,7 +304,9 @@ def write_compensated_program(
         wanted = robot.joint_map.model_angles(cases.joints)
         wanted_poses = np.empty((len(block), 4, 4))
         wanted_poses[posed], wanted_poses[by_joints] = goal, flange_poses(robot, wanted[by_joints])
-        residual[rows] = residuals(model, cases, wanted_poses, angles, wanted + angles - commanded.q)
+        residual[rows] = compute_pose_residuals(
+            model, cases, wanted_poses, angles, wanted + angles - commanded.q
+        )
     if unreached:
         reason, remedy = (
             "the robot does not reach the corrected target",
@@ -420,7 +422,7 @@ class ProgramWork(Work):
     def _ramp(self) -> FloatArray:
         """Share (m,) of the full correction at each point, which rises and falls along `ramp_length`."""
         length = LENGTH[self._request.units.length] * self._request.ramp_length
-        return ramp_shares(self._run_model.model.robot, self._path.cases, length)
+        return compute_ramp_shares(self._run_model.model.robot, self._path.cases, length)
 
     def steps(self) -> Sequence[Span]:
         """Return spans of the points under load as steps; no steps for a short program."""

@@ -96,7 +96,9 @@ class TestTwoCampaigns:
         ]
         headline = "Do not use this comparison: 2 reasons of its own, 2 reasons of its run"
         assert found.assessment.headline == headline
-        unknown = "its uncertainty is unknown in one of the sets: state `noise`, or add observations"
+        unknown = (
+            "the uncertainty of the joint is unknown in one of the sets: state `noise`, or add observations"
+        )
         assert [(each.name, each.ratio, each.reason) for each in found.joints] == [
             (name, None, unknown) for name in NAMES
         ]

@@ -22,7 +22,7 @@ DOUBT = (
 )
 AGAINST = (
     "under 1471 N the targets moved opposite to the prediction from the other observations, by 2.99 mm; "
-    "with the load reversed only 68.5 µm remain"
+    "with the load reversed only 68.5 µm remain unexplained"
 )
 CHECKED = "the held-out reading is as near to its prediction as 90 % of good readings"
 AREA = {"work_area": [[0.8, -0.6, 0.4], [1.9, 0.6, 1.6]]}
