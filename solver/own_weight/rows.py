@@ -32,7 +32,7 @@ from jointstiff.solver.geometry.poses import (
     Poses,
     PoseState,
     build_arm,
-    chain_axes,
+    list_chain_axes,
     transform_points,
 )
 from jointstiff.solver.mechanics.block import STANDARD_GRAVITY
@@ -253,7 +253,7 @@ def compute_torques(robot: Robot, readings: WeightReadings, motion: Motion) -> T
     burden, axes = readings.burden, motion.axes
     still = Postures(robot, np.zeros((1, robot.n)))
     frames, nominal = (part[0] for part in still.joint_frames)
-    origins = [axis.nearest(origin) for axis, origin in zip(axes, nominal, strict=True)]
+    origins = [axis.nearest_point_to(origin) for axis, origin in zip(axes, nominal, strict=True)]
     places = [pin.SE3(R, origin) for R, origin in zip(frames, origins, strict=True)]
     to_flange = still.flange_translation[0] - nominal[-1]
     arm = build_arm(axes, places, pin.SE3(still.flange_rotation[0], origins[-1] + to_flange))
@@ -307,7 +307,7 @@ def make_planned_rows_function(
         compliance: (n,) nominal compliances, for the effect of errors of masses [rad/(N·m)].
         free_base: whether the rows have columns of a tilting base.
     """
-    axes, flange = chain_axes(robot.chain)
+    axes, flange = list_chain_axes(robot.chain)
     names = tuple(map(str, range(len(targets))))
 
     def compute_rows(joints: FloatArray) -> FloatArray:
