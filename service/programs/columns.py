@@ -9,7 +9,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from jointstiff.service.programs.errors import CONSTANT, Fault, ProgramError, ReadMove, quote_text
+from jointstiff.service.programs.errors import WRITE_NUMBERS, Fault, ProgramError, ReadMove, quote_text
 from jointstiff.service.programs.language import Move
 from jointstiff.service.programs.notation import Numerals
 from jointstiff.service.programs.program import (
@@ -35,12 +35,14 @@ MAX_REMARKS: Final = 400_000
 """Largest number of remarks on lines that are not corrected."""
 MAX_VALUE: Final = 1e6
 """Magnitude of a number of a target: a kilometre in mm, 2,777 turns in degrees."""
-OF: Final = " of routine "
+OF_ROUTINE: Final = " of routine "
 """Text between a name and the routine that it belongs to."""
 _NEAR: Final = 1000
 """Number of characters from the beginning of a line in which a name is looked for."""
 _NAME_OR_TEXT: Final = re.compile(r"'[^']*'|\b[A-Z_][A-Z0-9_]*\b")
-_PART: Final = re.compile(rf"(?:\.(?:BASE|TOOL|[UOT]FRAME|UF|UT))?{OF}\w+|\.(?:BASE|TOOL|[UOT]FRAME|UF|UT)\b")
+_PART: Final = re.compile(
+    rf"(?:\.(?:BASE|TOOL|[UOT]FRAME|UF|UT))?{OF_ROUTINE}\w+|\.(?:BASE|TOOL|[UOT]FRAME|UF|UT)\b"
+)
 _WRITE_ANEW: Final = "write all of its numbers anew, or split the program"
 _AXIS_ROUNDING: Final = 2e-3
 """Largest difference of an external axis [mm, °] that rounding explains."""
@@ -66,7 +68,7 @@ class Cause(NamedTuple):
 
     line: int
     reason: str
-    remedy: str = CONSTANT
+    remedy: str = WRITE_NUMBERS
     source: int = 0
     shows: str = ""  # name of the frame whose numbers are not known
 
@@ -89,10 +91,10 @@ class Columns:
     """Targets and moves of a program while it is interpreted, and the moves that are left."""
 
     def __init__(
-        self, kind: str, sources: tuple[Source, ...], numerals: Sequence[Numerals], *, folded: bool
+        self, kind: str, sources: tuple[Source, ...], numerals: Sequence[Numerals], *, ignores_case: bool
     ) -> None:
-        """Begin without targets; `folded` if the case of letters does not matter in the language."""
-        self._format, self._sources, self._numerals, self._folded = kind, sources, numerals, folded
+        """Begin without targets; `ignores_case` if the case of letters does not matter in the language."""
+        self._format, self._sources, self._numerals, self._folded = kind, sources, numerals, ignores_case
         self.spelled: dict[str, str] = {}  # names as the program writes them
         self._remarks: list[Remark] = []
         self._left: list[tuple[ReadMove, Cause]] = []
@@ -163,7 +165,7 @@ class Columns:
             )
             self._moves.extend((line, _MOTIONS[op.motion], len(self._visits)))
             return
-        names = ", ".join(each.label.partition(OF)[0] or "in numbers" for each in targets)
+        names = ", ".join(each.label.partition(OF_ROUTINE)[0] or "in numbers" for each in targets)
         base, tool = (
             (self.restore_spelling(_frame_name(each), 0, line) for each in frames[-1]) if frames else ("", "")
         )
@@ -255,7 +257,7 @@ class Columns:
                 use = f"the numbers of {quote_text(name)} are used on line {used[name]}, too"
                 reason = f"{use}, where it is not certain what they mean"
                 self._target_causes.setdefault(index, Cause(0, reason, "use a separate target for it"))
-        self._names = [name.partition(OF)[0] if name else name for name in self._names]
+        self._names = [name.partition(OF_ROUTINE)[0] if name else name for name in self._names]
         rows = _reshape_rows(self._targets, _WIDTH)
         targets = self._fill_targets(rows, external_axes)
         moves = _sort_moves(Moves(*_reshape_rows(self._moves, 3), *_reshape_rows(self._visits, 1)))
@@ -290,9 +292,9 @@ class Columns:
         doubted[list(self._target_causes)] = True
         while True:
             left = np.zeros(len(moves), dtype=np.bool_)
-            left[moves.of_visit[doubted[moves.visits]]] = True
+            left[moves.move_of_visit[doubted[moves.visits]]] = True
             more = doubted.copy()
-            more[moves.visits[left[moves.of_visit]]] = True
+            more[moves.visits[left[moves.move_of_visit]]] = True
             if (more == doubted).all():
                 break
             doubted = more
@@ -346,7 +348,7 @@ class Columns:
                 for i, ends in enumerate((numerals.starts, numerals.ends)):
                     targets.spans[block, :, i] = np.where(written, ends[at], -1)[:, :_STATED]
                 out[block] = (written & ~(np.abs(read) <= MAX_VALUE))[:, :NUMBERS].any(axis=1)
-                for notation, own in targets.by_notation(block):
+                for notation, own in targets.group_by_notation(block):
                     unlike[block[own]] = ~notation.is_valid_orientation(read[own])
                 others = read[:, _STATED:_AXES]
                 axes[block], common[block] = np.where(others > _NO_AXIS, np.nan, others), read[:, _AXES:]
@@ -396,13 +398,13 @@ def _sort_moves(moves: Moves) -> Moves:
     order = np.argsort(moves.line, kind="stable")
     counts, rank = np.diff(moves.ends, prepend=0), np.empty_like(order)
     rank[order] = np.arange(len(order))
-    visits = moves.visits[np.argsort(rank[moves.of_visit], kind="stable")]
+    visits = moves.visits[np.argsort(rank[moves.move_of_visit], kind="stable")]
     return Moves(moves.line[order], moves.motion[order], np.cumsum(counts[order]), visits)
 
 
 def _select_moves(moves: Moves, targets: Targets, kept: BoolArray) -> tuple[Moves, Targets]:
     """Return the moves in a mask `kept` (k,), and the targets of these moves, with new indices."""
-    visits = moves.visits[kept[moves.of_visit]]
+    visits = moves.visits[kept[moves.move_of_visit]]
     rows, places = np.unique(visits, return_inverse=True)
     counts = np.diff(moves.ends, prepend=0)[kept]
     names = [targets.names[i] for i in rows.tolist()]

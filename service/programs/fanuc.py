@@ -29,7 +29,7 @@ _FIELDS: Final = (
 # B-83284EN-1. A position states its UF and UT; if others are active, the controller stops (INTP-252, 253). F
 # takes the active one. Registers, signals, timers, messages, speeds, collision detection: no position and no
 # frame changes by them.
-_QUIET: Final = (
+_HARMLESS: Final = (
     r"(?:R|SR|F|DO|RO|GO|AO|WO|M|TIMER|PR|PL|AR|VR|RSR|JOINT_MAX_SPEED)\[([^\]]*(?:\][^\]=]*)*?)\](?:\.\w+)?=(?P<value>.+)"
     r"|(?:WAIT|OVERRIDE=|LINEAR_MAX_SPEED=) ?(.+?)(?:\(sec\)| ?%)?"
     r"|(?:PAUSE|ABORT|END|MESSAGE|REMARK|TC_ONLINE|STOP_TRACKING|COL DETECT (?:ON|OFF)|-+)"
@@ -77,7 +77,7 @@ def _translate_conditional_action(line: Line) -> list[Op]:
     return [*given, ir.Flow("if"), *line.language.apply_rules(action), ir.Flow("close")]
 
 
-def _translate_quiet_instruction(line: Line) -> list[Op]:
+def _translate_harmless_instruction(line: Line) -> list[Op]:
     """Return the operations of an instruction that moves nothing: the names used in its value, if any.
 
     The value is an expression, `ON`, or a pulse such as `PULSE,0.2sec`, which uses no names.
@@ -121,7 +121,7 @@ def _translate_move(line: Line) -> list[Op]:
     reason = f"{moved} moves the target" if offset else ""
     agree = ("UFRAME_NUM", "UTOOL_NUM")
     move = ir.Move(_MOTIONS[letter], names, bases, tools, agree, reason=reason, remedy=_REMEDY)
-    return [*(ir.Call(name, attached=True) for name in re.findall(r",CALL ?(\w++)", tail)), move]
+    return [*(ir.Call(name, anytime=True) for name in re.findall(r",CALL ?(\w++)", tail)), move]
 
 
 def _translate_register_move(line: Line) -> list[Op]:
@@ -133,7 +133,7 @@ def _translate_register_move(line: Line) -> list[Op]:
     if not _is_known_tail(line["tail"]) or "CALL" in line["tail"]:
         raise Misread("the target is not a position in /POS, and the text after it is unknown")
     what = ir.quote_statement(line.text, line.ordinals)
-    return ir.leave_move([], f"{what}: the target is not a position in /POS", _REMEDY)
+    return ir.make_uncorrected_move([], f"{what}: the target is not a position in /POS", _REMEDY)
 
 
 def _translate_frame_change(line: Line) -> list[Op]:
@@ -239,7 +239,10 @@ def _arm_position(fields: _Fields, others: tuple[int, ...]) -> Literal:
 
 
 _POINTS: Final = ir.Language(
-    comment=r":[^:\[\]\r\n]*+(?=\])", text=r"(?!)", folded=False, rules=((r"(?s)[\s\S]*", _declare_position),)
+    comment=r":[^:\[\]\r\n]*+(?=\])",
+    text=r"(?!)",
+    ignores_case=False,
+    rules=((r"(?s)[\s\S]*", _declare_position),),
 )
 _ORDER: Final = ("PROG", "ATTR", "APPL", "MN", "POS", "END")
 _SECTION: Final = re.compile(r"/(PROG|ATTR|APPL|MN|POS|END)\b.*+")
@@ -274,8 +277,8 @@ def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
         machine.refuse(None, "the file lacks the section /MN or /POS", remedy)
     end = sections["END"] - len("/END") if "END" in sections else len(source.text)
     positions = _find_positions(machine, source, sections["POS"], end)
-    machine.add(0, *_spans_to_arrays(positions), translate=_POINTS.translate)
-    machine.add(0, *_spans_to_arrays(spans))
+    machine.add_statements(0, *_spans_to_arrays(positions), translate=_POINTS.translate)
+    machine.add_statements(0, *_spans_to_arrays(spans))
 
 
 def _spans_to_arrays(spans: list[tuple[int, int]]) -> tuple[IndexArray, IndexArray]:
@@ -334,7 +337,7 @@ LANGUAGE: Final = ir.Language(
     blank=r" ?;?:|^[ ;]+|[ ;]+$",
     text=r"'[^'\r\n]*+'",
     word=r"[$]?[^\W\d]\w*+",
-    folded=False,
+    ignores_case=False,
     operators="AND|OR|NOT|DIV|MOD",
     reserved="JMP|CALL|RUN|LBL|IF|THEN|ELSE|ENDIF|FOR|TO|DOWNTO|ENDFOR|SELECT|INC|OFFSET|Offset|Skip|SKIP|VOFFSET|TOOL_OFFSET"
     r"|P(?=\[)",
@@ -351,13 +354,13 @@ LANGUAGE: Final = ir.Language(
         (r"(?:\$MN(?=\w+NUM\[))?U(?P<which>FRAME|TOOL)(?:_NUM|NUM\[\0\])=#{number}", _choose_frame),
         (r"IF ?(.+?) ?THEN", "if"),
         (r"FOR R\[\0\]=(.+?)(?: TO| DOWNTO) ?(.+)", "loop"),
-        (r"ELSE", "turn"),
+        (r"ELSE", "branch"),
         (r"ENDIF|ENDFOR", "close"),
         (r"LBL ?\[#{name}\]", "label"),
         (r"(?:WAIT ?(.+?) ?TIMEOUT,|JMP )LBL ?\[(?P<label>.*)\]", _translate_jump),
         (rf"(?:IF ?(.+?)|SELECT ?(?P<which>.+?)|=(.+?)|ELSE),{_LOGIC}", _translate_conditional_action),
         (r"(?:CALL|RUN|MONITOR) (?P<name>\w++)(?:\((.*)\))?", lambda line: [ir.Call(line["name"])]),
-        (_QUIET, _translate_quiet_instruction),
+        (_HARMLESS, _translate_harmless_instruction),
         (r"(?:.*\W)?\$?(?:MN)?(?:UFRAME|UTOOL)(?:\[.*\])?=.*", _translate_frame_change),
         (r".*(?:UFRAME|UTOOL).*", _refuse_computed_frame),
         (r"P\[#{place}(?:,\0)?\]=.*|(?:(?!(?<!\w)P\[).)*P\[[^=]*=.*", _translate_position_change),

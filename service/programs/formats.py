@@ -82,7 +82,7 @@ def read_program(
     columns, used, causes = Machine(chosen, sources, language, leave_alone).interpret()
     program = columns.build_program(used, causes, external_axes)
     if program.faults and not leave_others:
-        raise ProgramError(program.faults, left=program.left)
+        raise ProgramError(program.faults, left=program.left_moves)
     return program
 
 
@@ -100,15 +100,15 @@ def list_moves(
     try:
         program = read_program(files, name, leave_alone, leave_others=True, external_axes=external_axes)
     except ProgramError as error:
-        if not error.left:
+        if not error.left_moves:
             raise
-        return list(error.left)
+        return list(error.left_moves)
     targets, moves = program.targets, program.moves
     last = moves.visits[moves.ends - 1]
     kept = [
         ReadMove(each.line, each.target, "", "", each.text, "") for each in program.left_alone if each.target
     ]
-    rows = [*program.left, *kept]
+    rows = [*program.left_moves, *kept]
     for line, target in zip(moves.line.tolist(), last.tolist(), strict=True):
         numbers = targets.values[target, :NUMBERS]
         shown_numbers = ", ".join(f"{number:g}" for number in numbers[np.isfinite(numbers)].tolist())

@@ -198,7 +198,7 @@ def _translate_move(line: Line) -> list[Op]:
     known = tuple(each for each in targets if each is not None)
     if line["relative"] or len(known) < len(targets) or len(known) != 1 + (motion is Motion.CIRCULAR):
         reason = "the target is relative to the position before the move" if line["relative"] else _NOT_WHOLE
-        return ir.leave_move(
+        return ir.make_uncorrected_move(
             [*found, *line.read_expression(_SEPARATED.sub(",", line.text[begin:end]))], reason, _REMEDY
         )
     base, tool = ir.Copy("$BASE"), ir.Copy("$TOOL")
@@ -278,7 +278,7 @@ def _translate_attachment(line: Line) -> list[Op]:
     action = re.sub(r" ?\bPRIO=", "+", line["action"]).replace("=", "+", 1)
     found = [*line.read_expression(line["when"]), *line.read_expression(action)]
     # BAS: IR_STOPM only stops the robot and waits.
-    found = ir.mark_attached([op for op in found if not (isinstance(op, ir.Call) and op.name == "IR_STOPM")])
+    found = ir.mark_anytime([op for op in found if not (isinstance(op, ir.Call) and op.name == "IR_STOPM")])
     name = "INTERRUPT %s", line.first_ordinal("number") if line["number"] else 0
     return [ir.Assign(name, ir.Named(name)), *found] if line["number"] else found
 
@@ -319,7 +319,7 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
         declares = source.name.lower().endswith(".dat") and len(sources) > 1
         # Only a .dat that is public, and $config.dat, can be changed by other programs.
         kind = "shared" if is_config else "variable" if data and data[2] else "constant"
-        machine.add(index, source.starts, source.ends, declares=kind if declares else "")
+        machine.add_statements(index, source.starts, source.ends, declares=kind if declares else "")
 
 
 LANGUAGE: Final = ir.Language(
@@ -356,7 +356,7 @@ LANGUAGE: Final = ir.Language(
         (r"(?:EXT(?:FCT)?P?|ENUM|STRUC|IMPORT|(?:DECL )?(?:GLOBAL )?SIGNAL) [\w ,()\[\]:$.\0\"#]*", ""),
         (r"END|ENDFCT", "end"),
         (r"IF ?(.*?) ?THEN|SWITCH ?(.+)", "if"),
-        (r"ELSE|CASE ?(.+)", "turn"),
+        (r"ELSE|CASE ?(.+)", "branch"),
         (r"DEFAULT", "default"),
         (r"ENDIF|ENDSWITCH|ENDFOR|ENDWHILE|ENDLOOP|UNTIL ?(.+)", "close"),
         (r"WHILE ?(.+)", "loop"),
@@ -376,7 +376,7 @@ LANGUAGE: Final = ir.Language(
         ),
         (
             r"INTERRUPT ON #{number}",
-            lambda line: [ir.Call(("INTERRUPT %s", line.first_ordinal("number")), attached=True)],
+            lambda line: [ir.Call(("INTERRUPT %s", line.first_ordinal("number")), anytime=True)],
         ),
         (
             rf"TRIGGER WHEN (?:DISTANCE|PATH)=(.+?) DELAY=(.+?) ?DO (?P<action>(?:\$OUT\[|{_NAME}\().*)",
@@ -384,7 +384,7 @@ LANGUAGE: Final = ir.Language(
         ),
         (
             r"(?:GLOBAL )?(?:INTERRUPT DECL|TRIGGER) .*",
-            lambda line: [ir.Call(line.text.replace("\0", "n"), attached=True)],
+            lambda line: [ir.Call(line.text.replace("\0", "n"), anytime=True)],
         ),
         (r"BAS\(#(?P<which>\w+)(?:,(?P<argument>.+))?\)", _translate_bas),
         (r"(?:PTP_)?SPLINE(?P<rest>(?: .*)?)", _translate_spline),

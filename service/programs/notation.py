@@ -273,12 +273,12 @@ def has_decimal_commas(table: str) -> bool:
 
 
 def format_new_numbers(
-    signs: Characters, spans: Places, new: FloatArray, old: FloatArray, digits: IndexArray
+    characters: Characters, spans: Places, new: FloatArray, old: FloatArray, digits: IndexArray
 ) -> tuple[list[str], BoolArray]:
     """Format new numbers like the old ones in a text.
 
     Args:
-        signs: text with the old numbers.
+        characters: text with the old numbers.
         spans: (m, 2) first and last + 1 character of each old number.
         new: (m,) new numbers.
         old: (m,) old numbers.
@@ -287,7 +287,7 @@ def format_new_numbers(
     Returns:
         Texts of the new numbers; mask (m,) of those that differ from the old ones at these decimals.
     """
-    digits = np.maximum(digits, _count_decimals(signs, spans))
+    digits = np.maximum(digits, _count_decimals(characters, spans))
     counts = np.unique(digits).tolist()
     if len(counts) == 1:
         numbers = _format_numbers(new, counts[0])
@@ -303,7 +303,7 @@ def format_new_numbers(
         differ[i] = numbers[i] != usual and not float(numbers[i]) == float(usual) == 0.0
         if numbers[i][0] == "-" and float(numbers[i]) == 0.0:
             numbers[i] = numbers[i][1:]
-    for i in np.flatnonzero(signs[spans[:, 0]] == ord("+")).tolist():
+    for i in np.flatnonzero(characters[spans[:, 0]] == ord("+")).tolist():
         numbers[i] = numbers[i] if numbers[i][0] == "-" else f"+{numbers[i]}"
     return numbers, differ
 
@@ -313,24 +313,24 @@ def _format_numbers(numbers: FloatArray, digits: int) -> list[str]:
     return ("\n".join([f"%.{digits}f"] * len(numbers)) % tuple(numbers.tolist())).split("\n")
 
 
-def _count_decimals(signs: Characters, spans: Places) -> IndexArray:
+def _count_decimals(characters: Characters, spans: Places) -> IndexArray:
     """Return the counts of decimals (m,) of m numbers, which are at the spans (m, 2) of a text."""
     starts, ends = spans.T
-    powers = np.flatnonzero((signs | 32) == ord("e"))
-    points = np.flatnonzero((signs == ord(".")) | (signs == ord(",")))
+    powers = np.flatnonzero((characters | 32) == ord("e"))
+    points = np.flatnonzero((characters == ord(".")) | (characters == ord(",")))
     for places in (powers, points):
-        first = np.append(places, len(signs))[np.searchsorted(places, starts)]
+        first = np.append(places, len(characters))[np.searchsorted(places, starts)]
         ends, before = np.minimum(first, ends), ends
     decimals: IndexArray = np.maximum(before - ends - 1, 0)
     return decimals
 
 
-def pad_number(signs: Characters, start: int, end: int, number: str) -> Edit:
+def pad_number(characters: Characters, start: int, end: int, number: str) -> Edit:
     """Return the edit that replaces a number and keeps its end in the same column of the text.
 
     Blanks before the number are removed or added. If there are too few blanks, the number ends further right.
     """
-    before = signs[max(start - _MOST_BLANKS, 0) : start].tobytes()
+    before = characters[max(start - _MOST_BLANKS, 0) : start].tobytes()
     blanks = len(before) - len(before.rstrip(b" "))
     longer = len(number) - (end - start)
     if longer > 0:
@@ -338,22 +338,22 @@ def pad_number(signs: Characters, start: int, end: int, number: str) -> Edit:
     return start, end, " " * -longer + number if blanks else number
 
 
-def splice_texts(signs: Characters, spans: Places, texts: Sequence[str]) -> bytes:
+def splice_texts(characters: Characters, spans: Places, texts: Sequence[str]) -> bytes:
     """Return the bytes of a text in which some parts are replaced.
 
     Args:
-        signs: the text.
+        characters: the text.
         spans: (m, 2) first and last + 1 character of each part that is replaced, in order.
         texts: m texts in place of these parts.
     """
     starts, ends = spans.T
     lengths = np.fromiter(map(len, texts), dtype=np.intp, count=len(texts))
-    gaps = np.append(starts, len(signs)) - np.concatenate([[0], ends])
+    gaps = np.append(starts, len(characters)) - np.concatenate([[0], ends])
     is_new, is_old = (
         np.repeat(np.arange(len(gaps) + len(each)) % 2 == 1, np.insert(gaps, np.arange(1, len(gaps)), each))
         for each in (lengths, ends - starts)
     )
     result = np.empty(len(is_new), dtype=np.uint8)
     result[is_new] = np.frombuffer("".join(texts).encode("latin-1"), dtype=np.uint8)
-    result[~is_new] = signs[~is_old]
+    result[~is_new] = characters[~is_old]
     return result.tobytes()

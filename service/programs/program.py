@@ -62,8 +62,8 @@ class Source:
     @classmethod
     def from_bytes(cls, name: str, content: bytes) -> Source:
         """Build a source from the bytes of a file, whose lines may end with CR, LF or both."""
-        signs = np.frombuffer(content, dtype=np.uint8)
-        feed, back = signs == ord("\n"), signs == ord("\r")
+        characters = np.frombuffer(content, dtype=np.uint8)
+        feed, back = characters == ord("\n"), characters == ord("\r")
         back[:-1] &= ~feed[1:]
         starts = np.concatenate([[0], np.flatnonzero(feed | back) + 1])
         return cls(name, content.decode("latin-1"), starts)
@@ -125,7 +125,7 @@ class Targets:
         of_literal = [self.notations.index(each.notation) for each in self.literals]
         return np.array(of_literal, dtype=np.intp)[self.literal]
 
-    def by_notation(self, rows: IndexArray) -> Iterator[tuple[Notation, IndexArray]]:
+    def group_by_notation(self, rows: IndexArray) -> Iterator[tuple[Notation, IndexArray]]:
         """Yield each notation, and the positions in `rows` (indices) of the targets with this notation."""
         of_target = self.notation[rows]
         for i, notation in enumerate(self.notations):
@@ -206,9 +206,9 @@ class Rewriting:
         """Prepare to rewrite a program from the beginning of its files."""
         self._targets, self._aligned = program.targets, program.format == "fanuc"
         self._commas = program.format == "csv" and has_decimal_commas(program.sources[0].text)
-        self._signs = [np.frombuffer(content, dtype=np.uint8) for content in program.files]
-        self._done = [0] * len(self._signs)  # characters of each file that are rewritten already
-        self._pieces: list[list[bytes]] = [[] for _ in self._signs]
+        self._characters = [np.frombuffer(content, dtype=np.uint8) for content in program.files]
+        self._done = [0] * len(self._characters)  # characters of each file that are rewritten already
+        self._pieces: list[list[bytes]] = [[] for _ in self._characters]
         digits = [(*each.decimals, 0, 0, 0, 0)[:NUMBERS] for each in self._targets.notations]
         self._digits = np.array(digits)
 
@@ -217,7 +217,7 @@ class Rewriting:
 
         The targets of a block belong to one file, and are in the order of its text.
         """
-        for source in range(len(self._signs)):
+        for source in range(len(self._characters)):
             own = np.flatnonzero(self._targets.source[indices] == source)
             own = own[np.argsort(self._targets.spans[indices[own], 0, 0], kind="stable")]
             for start in range(0, len(own), BLOCK):
@@ -238,12 +238,12 @@ class Rewriting:
         """
         source = int(self._targets.source[rows[0]])
         begin, end = self._done[source], int(self._targets.spans[rows].max())
-        signs = self._signs[source][begin:end]
+        characters = self._characters[source][begin:end]
         read = self._targets.values[rows, :NUMBERS]
         row, column = np.nonzero(np.isfinite(values) & (values != read))
         spans = self._targets.spans[rows[row], column] - begin
         least = self._digits[self._targets.notation[rows[row]], column]
-        texts, differ = format_new_numbers(signs, spans, values[row, column], read[row, column], least)
+        texts, differ = format_new_numbers(characters, spans, values[row, column], read[row, column], least)
         if not differ.all():
             texts, spans = list(compress(texts, differ)), spans[differ]
             row, column = row[differ], column[differ]
@@ -251,7 +251,7 @@ class Rewriting:
         texts = [text.replace(".", ",") for text in texts] if self._commas else texts
         edits = [(start - begin, stop - begin, text) for _, (start, stop, text) in words]
         if self._aligned:
-            edits += [pad_number(signs, *edit) for edit in zip(*spans.T.tolist(), texts, strict=True)]
+            edits += [pad_number(characters, *edit) for edit in zip(*spans.T.tolist(), texts, strict=True)]
             texts, spans = [], spans[:0]
         if edits:
             spans = np.vstack([spans, np.array([edit[:2] for edit in edits], dtype=np.int32)])
@@ -259,11 +259,11 @@ class Rewriting:
         if (np.diff(spans[:, 0]) < 0).any():
             order = np.argsort(spans[:, 0], kind="stable")
             texts, spans = [texts[i] for i in order.tolist()], spans[order]
-        self._pieces[source].append(splice_texts(signs, spans, texts))
+        self._pieces[source].append(splice_texts(characters, spans, texts))
         self._done[source] = end
         return read
 
     def files(self) -> list[bytes]:
         """Return the bytes of all files, with the numbers that were replaced so far."""
-        parts = zip(self._pieces, self._signs, self._done, strict=True)
-        return [b"".join([*pieces, signs[done:].tobytes()]) for pieces, signs, done in parts]
+        parts = zip(self._pieces, self._characters, self._done, strict=True)
+        return [b"".join([*pieces, characters[done:].tobytes()]) for pieces, characters, done in parts]

@@ -23,7 +23,7 @@ _BEHIND: Final = {"DO": 2, "AO": 2, "GO": 2, "SYNC": 1}
 _OPTIONS: Final = re.compile(r"CONC|ID|V|T|Z|INPOS|WOBJ|TLOAD|NOEOFFS|T\d")
 # Instructions that set configuration, speed, waiting, signals, messages, clocks, interrupts and units: no
 # target, no frame and no variable of the program changes by them
-_QUIET: Final = (
+_HARMLESS: Final = (
     r"CONF[LJ]|ACCSET|VELSET|SINGAREA|CIRPATHMODE|PATHRESOL|GRIPLOAD|MOTIONSUP|(?:DE)?ACTUNIT"
     r"|WAIT(?:TIME|[DGA][IO]|UNTIL|ROB)|SET(?:[DGA]O)?|RESET|(?:PULSE|INVERT)DO|TP(?:WRITE|ERASE)|ERR(?:WRITE|LOG)"
     r"|CLK(?:START|STOP|RESET)|STOP|EXIT|BREAK|I(?:SLEEP|WATCH|DISABLE|ENABLE|DELETE|SIGNALD[IO])|TRIGG(?:IO|EQUIP|INT)"
@@ -64,8 +64,8 @@ def _translate_routine(line: Line) -> list[Op]:
 
 def _translate_test(line: Line) -> list[Op]:
     """Return the operations of TEST up to its first CASE, DEFAULT or ENDTEST."""
-    first = ir.mark_attached(line.read_expression(line["first"])) if line["first"] else []
-    kind = "close" if line.text[-1] != ":" else "turn" if line["first"] else "default"
+    first = ir.mark_anytime(line.read_expression(line["first"])) if line["first"] else []
+    kind = "close" if line.text[-1] != ":" else "branch" if line["first"] else "default"
     return [ir.Flow("if"), *first, ir.Flow(kind)]
 
 
@@ -88,11 +88,11 @@ def _translate_instruction(line: Line) -> list[Op]:
     names = frozenset(each for op in found if isinstance(op, ir.Use) for each in op.names)
     if name in {"INCR", "DECR", "ADD", "CLEAR"}:  # they change their first argument
         return [*found, ir.MakeUnknown(names, f"{name} changes it while the program runs", _REMEDY)]
-    if re.fullmatch(_QUIET, name):
-        return [*found, ir.Call(name, quiet=True)]
+    if re.fullmatch(_HARMLESS, name):
+        return [*found, ir.Call(name, harmless=True)]
     if _PROCESS_MOVE.fullmatch(name):
         reason, remedy = f"{name} is a move of a process such as welding", "write it as MoveL, MoveJ or MoveC"
-        return ir.leave_move([*found, ir.MakeUnknown(frozenset(), reason, remedy)], reason, remedy)
+        return ir.make_uncorrected_move([*found, ir.MakeUnknown(frozenset(), reason, remedy)], reason, remedy)
     if _SHIFTS.match(name):
         return [*found, ir.MakeUnknown(frozenset(), f"{name} moves targets or frames", "omit it")]
     return [*found, ir.Call(name, names)]
@@ -187,11 +187,11 @@ def _translate_move(line: Line) -> list[Op]:
     known = tuple(each for each in targets if each is not None)
     if len(known) < count:
         uses = [op for each in given[:count] for op in line.read_expression(each)]
-        return ir.leave_move([*found, *uses], "the target is not given by numbers", _REMEDY)
+        return ir.make_uncorrected_move([*found, *uses], "the target is not given by numbers", _REMEDY)
     found += [op for each in given[count:last] + given[last + 1 :] for op in line.read_expression(each)]
     if ir.calls_routine(found):
         raise Misread("an argument of the move is computed", "write speed, zone and tool by their names")
-    process = [ir.Call(given[-1].strip('"'), attached=True)] if behind == 1 else []
+    process = [ir.Call(given[-1].strip('"'), anytime=True)] if behind == 1 else []
     frames = (_frame_product(frame, "WOBJDATA"),) * count, (_frame_product(given[last], "TOOLDATA"),) * count
     return [*found, *process, ir.Move(_MOTIONS[letter], known, *frames)]
 
@@ -245,7 +245,7 @@ def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
             ends.append(end)
         place = end
     machine.columns.spelled.update(WOBJ0="wobj0", TOOL0="tool0")
-    machine.add(0, np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp))
+    machine.add_statements(0, np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp))
 
 
 LANGUAGE: Final = ir.Language(
@@ -277,11 +277,11 @@ LANGUAGE: Final = ir.Language(
             "",
         ),
         (rf"(?:LOCAL )?(?:PROC|FUNC {_WORD}) @{{name}}\((?P<own>[^()]*)\)", _translate_routine),
-        (r"(?:LOCAL )?TRAP @{name}", "aside"),
+        (r"(?:LOCAL )?TRAP @{name}", "handler"),
         (r"ENDPROC|ENDFUNC|ENDTRAP", "end"),
-        (r"(?:ERROR|UNDO|BACKWARD)(?:\([^()]*\))?", lambda _: [ir.Flow("end"), ir.Flow("aside")]),
+        (r"(?:ERROR|UNDO|BACKWARD)(?:\([^()]*\))?", lambda _: [ir.Flow("end"), ir.Flow("handler")]),
         (r"IF ?(.*?) ?THEN", "if"),
-        (r"ELSEIF ?(.*?) ?THEN|ELSE|CASE ?(.*):", "turn"),
+        (r"ELSEIF ?(.*?) ?THEN|ELSE|CASE ?(.*):", "branch"),
         (r"DEFAULT ?:", "default"),
         (
             r"TEST ?((?:(?!\b(?:CASE|DEFAULT|ENDTEST)\b).)+?) ?"
@@ -303,7 +303,7 @@ LANGUAGE: Final = ir.Language(
         (r"@{name}(?P<part>(?:\{[^{}:]*\}|\.\w+)*):=(?P<value>.+)", _translate_assignment),
         (r"(?:RETURN|RAISE|RETRY|TRYNEXT|EXIT)(?:\b ?(.+))?", "return"),
         (r"GOTO @{name}", "jump"),
-        (rf"CONNECT {_WORD} WITH @{{name}}", lambda line: [ir.Call(line["name"], attached=True)]),
+        (rf"CONNECT {_WORD} WITH @{{name}}", lambda line: [ir.Call(line["name"], anytime=True)]),
         (r"IF .*", _refuse_one_line_if),
         (r"@{name} ?(?P<arguments>.*)", _translate_instruction),
     ),

@@ -54,7 +54,7 @@ def read_table(machine: Machine, sources: tuple[Source, ...]) -> None:
     if first:
         header = source.text[source.starts[head] : source.ends[head]]
         translate = partial(_translate_row, _understand_header(machine, head + 1, header, first))
-        machine.add(0, source.starts[head + 1 :], source.ends[head + 1 :], translate=translate)
+        machine.add_statements(0, source.starts[head + 1 :], source.ends[head + 1 :], translate=translate)
 
 
 def _is_row(line: str) -> bool:

@@ -26,7 +26,7 @@ _MOVING: Final = re.compile(
     r"|screw_driving|move_until_contact|position_deviation_warning|reset_revolution_counter|set_pos"
 )
 # Routines that tell a value, wait, show a text, or set payload, signals, registers and connections.
-_QUIET: Final = (
+_HARMLESS: Final = (
     r"sleep|sync|textmsg|popup|halt|stop[jl]|zero_ftsensor|(?:enter|exit)_critical|random|force|is_(?:steady|within_safety_limits)"
     r"|set_(?:target_)?payload\w*|set_gravity|[sg]et_flag|set_watchdog|set_input_actions_to_default|set_baselight_mode"
     r"|set_safety_mode_transition_hardness|set_tool_(?:voltage|communication)"
@@ -53,8 +53,8 @@ def _translate_routine(line: Line) -> list[Op]:
     given = [op for each in defaults for op in line.read_expression(each)]
     own = re.findall(rf"(?:^|,)({_WORD})", line["own"])
     return [
-        *ir.mark_attached(given),
-        *ir.begin_routine(line["name"], own, _REMEDY, aside=line["kind"] != "def"),
+        *ir.mark_anytime(given),
+        *ir.begin_routine(line["name"], own, _REMEDY, handler=line["kind"] != "def"),
     ]
 
 
@@ -69,7 +69,7 @@ def _translate_call(line: Line) -> list[Op]:
     found = line.read_expression(line.text)
     if not _MOVING.fullmatch(name):
         return found
-    return ir.leave_move(
+    return ir.make_uncorrected_move(
         found, f"{name} moves the robot without a target", "use movej, movel, movep or movec"
     )
 
@@ -117,7 +117,9 @@ def _translate_move(line: Line) -> list[Op]:
         try:
             target, base = _read_target(line, named.end() if named else start, stop, found)
         except Misread as fault:
-            return ir.leave_move(_read_value(line, line["arguments"]), fault.reason, _REMEDY, motion)
+            return ir.make_uncorrected_move(
+                _read_value(line, line["arguments"]), fault.reason, _REMEDY, motion
+            )
         targets.append(target)
         bases.append(base)
     if len(targets) < len(slots):
@@ -164,10 +166,10 @@ LANGUAGE: Final = ir.Language(
     suffixes=".script .urscript",
     pose=POSE,
     comment=r"#[^\r\n]*+",
-    folded=False,
+    ignores_case=False,
     operators="and|or|xor|not|run",
     reserved=_RESERVED,
-    functions=_QUIET,
+    functions=_HARMLESS,
     motion=r"\bmove[jlpc]\b",
     remedy=_REMEDY,
     active={_ACTIVE: "active TCP"},
@@ -175,10 +177,10 @@ LANGUAGE: Final = ir.Language(
     rules=(
         (r"\$ ?\0(?: ?\"[^\"]*\")*", ""),  # PolyScope numbers its nodes: $ 3 "Waypoint_1"
         (r"(?P<kind>def|sec|thread) @{name}\((?P<own>.*)\):", _translate_routine),
-        (r"end", "any"),
+        (r"end", "close_or_end"),
         (r"(?:if|switch) ?(.+):", "if"),
         (r"while ?(.+):", "loop"),
-        (r"(?:elif|case) ?(.+):|else:?", "turn"),
+        (r"(?:elif|case) ?(.+):|else:?", "branch"),
         (r"default:", "default"),
         (r"break|continue", "leave"),
         (rf"pass|halt|(?:kill|join) {_WORD}", ""),
