@@ -758,7 +758,7 @@ class Machine:
     def _add_move(
         self, op: ir.Move, place: Place, cause: Cause | None, frames: list[Frames], state: State
     ) -> None:
-        """Add one move to the columns, with its targets in a state, or with the cause against a correction."""
+        """Add one move to the columns, with its targets in a state, or with the cause against correction."""
         contents = [self._evaluate_target(place, each, state) for each in op.targets]
         cause = cause or next((each for each in contents if isinstance(each, Cause)), None)
         if cause is not None:
