@@ -97,12 +97,12 @@ class ArrayReadings:
         joints = to_number_array(self.joints, "joints")
         count = len(joints)
         if joints.ndim != 2 or not joints.size or not np.isfinite(joints).all():
-            raise _shape_error("joints", joints, "a row of finite numbers for each observation, (N, n)")
+            raise _make_shape_error("joints", joints, "a row of finite numbers for each observation, (N, n)")
         point = None if self.load_point is None else to_vectors(self.load_point, count, "load_point")
         is_common_point = point is not None and bool((point == point[0]).all())
         for row in () if point is None else point:
             refuse_far_point(row.tolist(), "load_point", length=LENGTH[units["length"]])
-        flange_places = self._flange_places(LENGTH[units["length"]])
+        flange_places = self._read_flange_places(LENGTH[units["length"]])
         names, readings = self._arrange_readings(count, LENGTH[units["length"]])
         forces = np.zeros((count, 3)) if self.forces is None else to_vectors(self.forces, count, "forces")
         moments = None if self.moments is None else to_vectors(self.moments, count, "moments")
@@ -133,7 +133,7 @@ class ArrayReadings:
             "observations": observations,
         }
 
-    def _flange_places(self, length: float) -> dict[str, list[float]]:
+    def _read_flange_places(self, length: float) -> dict[str, list[float]]:
         """Return the targets' positions in the flange frame by name; empty if `targets` has only names.
 
         `length` is the unit of lengths in m, for the check that no target is too far from the flange.
@@ -168,7 +168,7 @@ class ArrayReadings:
             reason = f"{given} alone cannot be used as readings" if given else "no readings are given"
             remedy = "give `unloaded` and `loaded`, or `deflections`; `unloaded` alone is for the own weight"
             raise MeasurementError(reason, where="unloaded", remedy=remedy)
-        names = self._target_names(next(iter(fields.values()))) or []
+        names = self._get_target_names(next(iter(fields.values()))) or []
         values: dict[str, FloatArray] = {}
         for name, value in fields.items():
             values[name], names = _arrange_by_target(
@@ -185,7 +185,9 @@ class ArrayReadings:
             with suppress(ValueError):
                 directions = np.broadcast_to(stated, (*shape, 3))
             if directions is None:
-                raise _shape_error("directions", stated, f"(3,), (T, 3) or (N, T, 3) for {shape[1]} targets")
+                raise _make_shape_error(
+                    "directions", stated, f"(3,), (T, 3) or (N, T, 3) for {shape[1]} targets"
+                )
         # The document names one reading `deflection`, or `displacement` if it is one number.
         field_names = {"deflections": "displacement" if is_along_direction else "deflection"}
         return names, [
@@ -206,7 +208,7 @@ class ArrayReadings:
             for i in range(count)
         ]
 
-    def _target_names(self, value: object) -> list[str]:
+    def _get_target_names(self, value: object) -> list[str]:
         """Return the names of the targets, else the keys of the readings `value`; empty without names."""
         if self.targets is not None:
             return [str(name) for name in self.targets]
@@ -249,7 +251,7 @@ def _arrange_by_target(
     names = names or [f"T{t}" for t in range(1, array.shape[1] + 1 if array.ndim > 1 else 2)]
     if array.shape != (count, len(names), components):
         wanted = f"{components} numbers for each of {count} observations and {len(names)} targets"
-        raise _shape_error(name, array, wanted)
+        raise _make_shape_error(name, array, wanted)
     finite = np.isfinite(array)
     partly = np.argwhere(finite.any(axis=2) & ~finite.all(axis=2))
     if len(partly):
@@ -298,7 +300,7 @@ def to_vectors(value: Any, count: int, name: str) -> FloatArray:  # noqa: ANN401
     """
     array = to_number_array(value, name)
     if array.shape not in ((3,), (count, 3)) or not np.isfinite(array).all():
-        raise _shape_error(name, array, f"finite numbers of shape (3,) or ({count}, 3)")
+        raise _make_shape_error(name, array, f"finite numbers of shape (3,) or ({count}, 3)")
     return np.broadcast_to(array, (count, 3))
 
 
@@ -333,7 +335,7 @@ def _to_plain_array(value: Any) -> Any:  # noqa: ANN401 - anything numpy underst
     return value.to_numpy() if hasattr(value, "to_numpy") else value
 
 
-def _shape_error(name: str, array: FloatArray, wanted: str) -> MeasurementError:
+def _make_shape_error(name: str, array: FloatArray, wanted: str) -> MeasurementError:
     """Return the error that a field has another shape than the wanted one, or values that are not finite."""
     fault = "" if np.isfinite(array).all() else ", and some of its values are not numbers"
     return MeasurementError(

@@ -99,12 +99,12 @@ class Directions(ArrayGroup):
         vector = np.where(self.in_flange[..., None], self.vector, self.vector @ R.T)
         return replace(self, vector=vector)
 
-    def reading_fields(self, i: int, t: int) -> dict[str, Any]:
+    def get_reading_fields(self, i: int, t: int) -> dict[str, Any]:
         """Return displacement and direction of observation i and target t, by the names of their fields."""
         name = "flange_direction" if self.in_flange[i, t] else "direction"
         return {"displacement": float(self.displacement[i, t]), name: tuple(self.vector[i, t].tolist())}
 
-    def unit_vectors(self, robot: Robot, joints: FloatArray) -> FloatArray:
+    def compute_unit_vectors(self, robot: Robot, joints: FloatArray) -> FloatArray:
         """Return unit vectors (N, T, 3) of the directions in R0; zero for readings of another kind.
 
         Args:
@@ -161,7 +161,7 @@ class EncoderArrays(ArrayGroup):
                 unloaded[cell], loaded[cell] = reading.unloaded, reading.loaded
         return cls(np.array(list(names)), present, unloaded, loaded)
 
-    def readings_of(self, i: int) -> list[EncoderReading] | None:
+    def build_encoder_readings(self, i: int) -> list[EncoderReading] | None:
         """Return the encoder readings of observation i as they were posted; None if no encoder was read."""
         readings = [
             EncoderReading.model_construct(
@@ -173,7 +173,7 @@ class EncoderArrays(ArrayGroup):
         ]
         return readings or None
 
-    def joint_indices(self, joint_names: tuple[str, ...]) -> IndexArray:
+    def find_joint_indices(self, joint_names: tuple[str, ...]) -> IndexArray:
         """Return indices (E,) of the encoders' joints among the robot's joints.
 
         Raises:
@@ -229,15 +229,15 @@ class PointNoise(ArrayGroup):
                 unloaded[i, t], loaded[i, t] = reading.unloaded_covariance, reading.loaded_covariance
         return cls(sigma, unloaded, loaded)
 
-    def reading_fields(self, i: int, t: int) -> dict[str, Any]:
+    def get_reading_fields(self, i: int, t: int) -> dict[str, Any]:
         """Return the noise that the reading of target t in observation i states, by field; {} if none."""
         if self.sigma[i, t]:
             return {"sigma": float(self.sigma[i, t])}
         if not self.unloaded[i, t].any():
             return {}
         return {
-            "unloaded_covariance": _matrix_rows(self.unloaded[i, t]),
-            "loaded_covariance": _matrix_rows(self.loaded[i, t]),
+            "unloaded_covariance": _to_matrix_rows(self.unloaded[i, t]),
+            "loaded_covariance": _to_matrix_rows(self.loaded[i, t]),
         }
 
     @property
@@ -245,13 +245,13 @@ class PointNoise(ArrayGroup):
         """Mask (N, T) of the readings that state a sigma or covariances."""
         return np.asarray((self.sigma > 0.0) | self.unloaded.any(axis=(2, 3)))
 
-    def covariances(self) -> tuple[FloatArray, FloatArray]:
+    def compute_covariances(self) -> tuple[FloatArray, FloatArray]:
         """Return covariances (N, T, 3, 3) of the unloaded, then of the loaded positions [unit of length²]."""
         isotropic = (self.sigma**2)[..., None, None] * np.eye(3)
         return self.unloaded + isotropic, self.loaded + isotropic
 
 
-def _matrix_rows(matrix: FloatArray) -> Matrix3:
+def _to_matrix_rows(matrix: FloatArray) -> Matrix3:
     """Return the rows of a (3, 3) matrix as tuples."""
     x, y, z = (tuple(row) for row in matrix.tolist())
     return x, y, z
@@ -305,7 +305,7 @@ def to_noise(
     if instrument is not None:
         unloaded, loaded = position_covariances(instrument, robot, plain)
     if points is not None:
-        own_unloaded, own_loaded = points.covariances()
+        own_unloaded, own_loaded = points.compute_covariances()
         refuse_invalid_covariance(own_unloaded, states_noise, "unloaded_covariance")
         refuse_invalid_covariance(own_loaded, states_noise, "loaded_covariance")
         # The noise that a reading states itself replaces the noise of the set.
@@ -463,18 +463,18 @@ class ReadingArrays:
                 force=tuple(self.force[i].tolist()),
                 moment=tuple(self.moment[i].tolist()) if self.moment_given[i] else None,
                 load_point=tuple(self.load_point[i].tolist()) if self.load_point_given[i] else None,
-                readings=[self._reading(i, int(t)) for t in np.flatnonzero(self.present[i])],
-                encoder_readings=self.encoders.readings_of(i) if self.encoders else None,
+                readings=[self._build_reading(i, int(t)) for t in np.flatnonzero(self.present[i])],
+                encoder_readings=self.encoders.build_encoder_readings(i) if self.encoders else None,
             )
             for i in range(len(self.labels))
         ]
 
-    def _reading(self, i: int, t: int) -> Reading:
+    def _build_reading(self, i: int, t: int) -> Reading:
         """Return the reading of observation i and target t as it was posted."""
         loaded = tuple(self.loaded[i, t].tolist())
-        noise = self.noise.reading_fields(i, t) if self.noise else {}
+        noise = self.noise.get_reading_fields(i, t) if self.noise else {}
         if self.directions is not None and self.directions.has_direction[i, t]:
-            values = self.directions.reading_fields(i, t)
+            values = self.directions.get_reading_fields(i, t)
             return Reading.model_construct(target=str(self.targets[t]), **noise, **values)
         if self.as_deflection[i, t]:
             return Reading.model_construct(target=str(self.targets[t]), deflection=loaded, **noise)
@@ -486,32 +486,32 @@ class ReadingArrays:
     def pack(self) -> bytes:
         """Return the arrays as bytes of an npz archive, without pickles."""
         buffer = io.BytesIO()
-        np.savez(buffer, allow_pickle=False, **self._arrays_by_name())
+        np.savez(buffer, allow_pickle=False, **self._get_arrays_by_name())
         return buffer.getvalue()
 
     @classmethod
     def unpack(cls, blob: bytes) -> ReadingArrays:
         """Return the readings that `pack` serialised."""
         with np.load(io.BytesIO(blob), allow_pickle=False) as archive:
-            arrays: dict[str, Any] = {name: archive[name] for name in cls._required_names()}
+            arrays: dict[str, Any] = {name: archive[name] for name in cls._list_required_names()}
             arrays |= {name: group.from_archive(archive) for name, group in _OPTIONAL_GROUPS.items()}
             return cls(**arrays)
 
     @classmethod
-    def _required_names(cls) -> list[str]:
+    def _list_required_names(cls) -> list[str]:
         """Return the names of the arrays that every set has."""
         return [field.name for field in fields(cls) if field.name not in _OPTIONAL_GROUPS]
 
-    def _arrays_by_name(self) -> dict[str, npt.NDArray[Any]]:
+    def _get_arrays_by_name(self) -> dict[str, npt.NDArray[Any]]:
         """Return the arrays by name: first the required arrays, then the arrays of optional groups."""
-        arrays = {name: getattr(self, name) for name in self._required_names()}
+        arrays = {name: getattr(self, name) for name in self._list_required_names()}
         groups = (getattr(self, name) for name in _OPTIONAL_GROUPS)
         return arrays | {name: array for group in groups if group for name, array in group.arrays().items()}
 
     def digest(self) -> bytes:
         """Return the SHA-256, as bytes, of the arrays' names, types, shapes and contents."""
         digest = hashlib.sha256()
-        for name, array in self._arrays_by_name().items():
+        for name, array in self._get_arrays_by_name().items():
             digest.update(f"{name} {array.dtype.str} {array.shape};".encode())
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.digest()
@@ -650,12 +650,12 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
     joints = joint_factors(robot, header.units) * readings.joints
     direction = None
     if readings.directions is not None:
-        direction = readings.directions.unit_vectors(robot, joints)
+        direction = readings.directions.compute_unit_vectors(robot, joints)
         deflection = deflection + readings.directions.displacement[..., None] * direction
     plain = Measurements(
         joints=joints,
         force=FORCE[header.units.force] * readings.force,
-        moment=_moment_factor(header.units, readings) * readings.moment,
+        moment=_get_moment_factor(header.units, readings) * readings.moment,
         load_point=length * _choose_load_points(header, readings),
         position=length * _choose_positions(header, readings),
         in_flange=readings.as_deflection,
@@ -707,7 +707,7 @@ def _to_encoder_readings(
             where="noise" if header.noise is None else "noise.encoder_sigma",
             remedy="give both `noise.sigma` and `noise.encoder_sigma`, which weight angles against lengths",
         )
-    angle, columns = ANGLE[header.units.angle], encoders.joint_indices(robot.joint_names)
+    angle, columns = ANGLE[header.units.angle], encoders.find_joint_indices(robot.joint_names)
     if robot.prismatic[columns].any():
         name = robot.joint_names[columns[int(np.argmax(robot.prismatic[columns]))]]
         raise MeasurementError(
@@ -722,7 +722,7 @@ def _to_encoder_readings(
     return EncoderReadings(deflection, present, angle * header.noise.encoder_sigma)
 
 
-def _moment_factor(units: Units, readings: ReadingArrays) -> float:
+def _get_moment_factor(units: Units, readings: ReadingArrays) -> float:
     """Return the factor from the unit of moments to N·m.
 
     If the unit is not stated, it is the unit of force times m; lengths must then be in m, or all moments 0.

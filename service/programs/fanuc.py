@@ -333,7 +333,7 @@ def _find_positions(machine: Machine, source: Source, place: int, end: int) -> l
     for match in _POSITION.finditer(source.text, place, end):
         if match[1] is None or not re.match(r"P\s*+\[[^\]{}]*+\]\s*+\{", match[1]):
             reason = f"{quote_text(match[0])} between positions is unknown or has no end"
-            machine.refuse(source.line(match.start()), reason, _RECORD_AGAIN)
+            machine.refuse(source.find_line(match.start()), reason, _RECORD_AGAIN)
         spans.append(match.span())
     return spans
 

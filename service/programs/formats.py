@@ -133,7 +133,7 @@ def _read_source(name: str, content: bytes) -> Source:
     if (place := source.text.find(MARK)) >= 0:
         reason = "the program states that it was corrected already: a second correction would add to it"
         remedy = "send the original program; remove this line if it is wrong"
-        _refuse(name, source.line(place), reason, remedy)
+        _refuse(name, source.find_line(place), reason, remedy)
     for i in np.flatnonzero(source.ends - source.starts > MAX_LINE).tolist():
         if len(source.text[source.starts[i] : source.ends[i]].rstrip("\r\n")) > MAX_LINE:
             reason = f"a line has more than {MAX_LINE} characters"

@@ -327,7 +327,7 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
                 f"the file declares data of {data[1]}, not of {main[1]}",
                 "send the .dat file of this .src file",
             )
-            machine.refuse(source.line(data.start()), reason, remedy, index)
+            machine.refuse(source.find_line(data.start()), reason, remedy, index)
         declares = source.name.lower().endswith(".dat") and len(sources) > 1
         # Only a .dat that is public, and $config.dat, can be changed by other programs.
         kind = "shared" if is_config else "variable" if data and data[2] else "constant"

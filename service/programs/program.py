@@ -73,7 +73,7 @@ class Source:
         """Offset behind the last character of each line, line break included."""
         return np.append(self.starts[1:], len(self.text))
 
-    def line(self, offset: int) -> int:
+    def find_line(self, offset: int) -> int:
         """Return the number of the line, from 1, that contains the character at an offset."""
         return int(np.searchsorted(self.starts, offset, side="right"))
 

@@ -253,7 +253,7 @@ def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
     text, place = sources[0].text, 0
     for second in list(re.finditer(r"(?im)^[ \t]*+MODULE\b", text))[1:]:
         machine.refuse(
-            sources[0].line(second.start()), "the file contains a second module", "send one module"
+            sources[0].find_line(second.start()), "the file contains a second module", "send one module"
         )
     starts, ends = [], []
     for end in (*(match.end() for match in _ENDS.finditer(text) if match[1]), len(text)):

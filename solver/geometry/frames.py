@@ -163,7 +163,9 @@ class BaseFrame:
         coordinates of each of n axes, then the coordinates of T targets.
         """
         back = self.transform_tracker_to_base.inverse()
-        return self.identified.jacobian_of(lambda axes, _: pin.log6(self.place(axes) * back).vector)
+        return self.identified.differentiate_quantity(
+            lambda axes, _: pin.log6(self.place(axes) * back).vector
+        )
 
 
 def find_base_frame(
@@ -182,7 +184,7 @@ def find_base_frame(
         MeasurementError: fewer than two axes, or nearly parallel ones.
     """
 
-    def signed_distance(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
+    def compute_signed_distance(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
         """Return the signed distance (1,) [m] from axis 1 to axis 2 along x of their perpendicular frame."""
         x = compute_perpendicular_frame(axes, "base").rotation[:, 0]
         first, second = find_common_perpendicular_feet(axes[0], axes[1])
@@ -191,8 +193,8 @@ def find_base_frame(
     if nominal is not None:
         convention = compute_perpendicular_frame(list_chain_axes(nominal)[0], "base")
     else:
-        distance = signed_distance(identified.axes, identified.targets)[0]
-        uncertainty = np.sqrt(identified.covariance_of(signed_distance)[0, 0])
+        distance = compute_signed_distance(identified.axes, identified.targets)[0]
+        uncertainty = np.sqrt(identified.compute_covariance_of(compute_signed_distance)[0, 0])
         # Turn x by half a turn if it points away from axis 2: R0 has x from axis 1 towards axis 2.
         sign = -1.0 if distance < -_MEETING_UNCERTAINTIES * uncertainty else 1.0
         convention = pin.SE3(np.diag([sign, sign, 1.0]), np.array([0.0, 0.0, height]))
@@ -394,16 +396,20 @@ def _find_point_nearest_to_axes(
     normals = np.stack([axis.frame[:, :2].T for axis in reference])
     rough = _solve_nearest_point(reference, np.eye(2 * WRIST_JOINTS))
 
-    def offsets(axes: Sequence[Axis], point: FloatArray) -> FloatArray:
+    def compute_offsets(axes: Sequence[Axis], point: FloatArray) -> FloatArray:
         """Return offsets (6,) [m] of three axes from a point, along two normals of each reference axis."""
         gaps = np.array([axis.nearest_point_to(point) - point for axis in axes])
         return np.asarray((normals @ gaps[..., None]).ravel())
 
-    offset_covariance = identified.covariance_of(lambda axes, _: offsets(place_wrist_axes(axes), rough))
+    offset_covariance = identified.compute_covariance_of(
+        lambda axes, _: compute_offsets(place_wrist_axes(axes), rough)
+    )
     weight = np.asarray(np.linalg.inv(offset_covariance), dtype=np.float64)
     centre = _solve_nearest_point(reference, weight)
-    residual = offsets(reference, centre)
-    J = identified.jacobian_of(lambda axes, _: _solve_nearest_point(place_wrist_axes(axes), weight))
+    residual = compute_offsets(reference, centre)
+    J = identified.differentiate_quantity(
+        lambda axes, _: _solve_nearest_point(place_wrist_axes(axes), weight)
+    )
     probability = float(special.chdtrc(2 * WRIST_JOINTS - 3, residual @ weight @ residual))
     distance = max(float(np.linalg.norm(axis.nearest_point_to(rough) - rough)) for axis in reference)
     uncertainty = float(np.sqrt(np.trace(offset_covariance) / len(offset_covariance)))
@@ -463,7 +469,7 @@ def fit_spheres(
     # Derivative of each reading with respect to the whitened reading
     factors = np.linalg.inv(readings.weight[k, t])
 
-    def distances_and_directions(state: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def compute_distances_and_directions(state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return distances (m,) of the readings from the centre, and unit vectors (m, 3) from the centre."""
         from_centre = points - state[:3]
         length = np.linalg.norm(from_centre, axis=1)
@@ -477,12 +483,14 @@ def fit_spheres(
     start = np.concatenate([solution[:3] + mean, radii])
     # The weights are computed at the start values and kept: they hardly depend on the state, and with
     # constant weights the problem is ordinary least squares.
-    spread = np.linalg.norm(np.einsum("mji,mj->mi", factors, distances_and_directions(start)[1]), axis=1)
+    spread = np.linalg.norm(
+        np.einsum("mji,mj->mi", factors, compute_distances_and_directions(start)[1]), axis=1
+    )
     try:
         state, linear = minimise(
             start,
-            lambda s: np.asarray((distances_and_directions(s)[0] - has_target @ s[3:]) / spread),
-            lambda s: np.hstack([distances_and_directions(s)[1], has_target]) / spread[:, None],
+            lambda s: np.asarray((compute_distances_and_directions(s)[0] - has_target @ s[3:]) / spread),
+            lambda s: np.hstack([compute_distances_and_directions(s)[1], has_target]) / spread[:, None],
             lambda s, step: np.asarray(s + step),
             where="wrist",
         )
@@ -490,7 +498,9 @@ def fit_spheres(
         return None
     if not linear.determines(slice(0, 3)):
         return None
-    by_reading = np.einsum("mji,mj->mi", factors, distances_and_directions(state)[1]) / spread[:, None]
+    by_reading = (
+        np.einsum("mji,mj->mi", factors, compute_distances_and_directions(state)[1]) / spread[:, None]
+    )
     # Columns of `influence` that belong to the coordinates of each reading
     columns = np.arange(readings.points.size).reshape(readings.points.shape)
     influence = np.zeros((len(state), identified.influence.shape[1]))
@@ -715,7 +725,9 @@ def identify_model(
     return IdentifiedModel(
         chain=KinematicChain(name, base_link, flange_link, tuple(joints)),
         targets_in_flange=locate_in_flange(identified.axes, identified.targets).reshape(-1, 3),
-        targets_covariance=identified.covariances(identified.jacobian_of(locate_in_flange)),
+        targets_covariance=identified.compute_covariances(
+            identified.differentiate_quantity(locate_in_flange)
+        ),
     )
 
 
@@ -850,7 +862,7 @@ def compare_links(
     ]
     expected = compute_link_geometry(axes, nominal_flange, parallel)
 
-    def link_parameters(axes: Sequence[Axis], points: FloatArray) -> FloatArray:
+    def compute_link_parameters(axes: Sequence[Axis], points: FloatArray) -> FloatArray:
         """Return the link parameters (5 n - 3,) in R0, from axes and targets in the tracker's frame."""
         T = base.place(axes)
         flange_pose = T * flange.place(axes, points)
@@ -858,17 +870,19 @@ def compare_links(
             [axis.transform(T) for axis in axes], flange_pose, parallel, expected.signs
         ).parameters
 
-    def changes_of_parameters(axes: Sequence[Axis], points: FloatArray) -> FloatArray:
+    def compute_parameter_changes(axes: Sequence[Axis], points: FloatArray) -> FloatArray:
         """Return the link parameters of displaced axes and targets, minus the identified values (5 n - 3,).
 
         The arctangent removes full turns from angles; it leaves lengths unchanged, as the differences are far
         below π.
         """
-        gap = link_parameters(axes, points) - values
+        gap = compute_link_parameters(axes, points) - values
         return np.arctan2(np.sin(gap), np.cos(gap))
 
-    values = link_parameters(identified.axes, identified.targets)
-    spread = identified.standard_uncertainties(identified.jacobian_of(changes_of_parameters))
+    values = compute_link_parameters(identified.axes, identified.targets)
+    spread = identified.compute_standard_uncertainties(
+        identified.differentiate_quantity(compute_parameter_changes)
+    )
     # Quantity and index of the joint of each parameter, in the order of `LinkGeometry.parameters`
     labels = [(q, i) for q in ("a", "alpha", "beta") for i in range(n - 1)]
     labels += [(q, i) for q in ("d", "theta") for i in range(n)]

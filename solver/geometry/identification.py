@@ -209,7 +209,7 @@ class _ExplainedReadings:
     residual: FloatArray  # (K, T, 3) whitened residuals, normal to the basis
     dof: int  # degrees of freedom of the residuals
 
-    def whitened_motion(self, anomaly: _Anomaly) -> FloatArray:
+    def compute_whitened_motion(self, anomaly: _Anomaly) -> FloatArray:
         """Return the whitened displacements (M, 3, 3 or 6) of M readings for unit motions of a hypothesis.
 
         A single reading is translated; several readings are translated, then rotated about their mean, with
@@ -240,7 +240,7 @@ class _ExplainedReadings:
 
     def compute_f_test(self, anomaly: _Anomaly, typical: float) -> tuple[float, float]:
         """Return the log of the F-test's p-value for a hypothesis, and the residual variance with it [m²]."""
-        values, _, along = self.solve_projected(self.whitened_motion(anomaly), anomaly.readings)
+        values, _, along = self.solve_projected(self.compute_whitened_motion(anomaly), anomaly.readings)
         rank, dof = len(values), self.dof - len(values)
         if rank == 0 or dof < 1:
             return 0.0, 0.0
@@ -258,7 +258,7 @@ class _ExplainedReadings:
 
     def add_motion(self, anomaly: _Anomaly) -> _ExplainedReadings:
         """Return the readings with the motion of a further anomaly added to the explained part."""
-        columns = self.whitened_motion(anomaly)
+        columns = self.compute_whitened_motion(anomaly)
         values, vectors, _ = self.solve_projected(columns, anomaly.readings)
         raw = np.zeros((*self.points.shape, len(values)))
         raw[anomaly.readings] = columns @ (vectors / np.sqrt(values))
@@ -624,7 +624,7 @@ def _assemble_result(
         controller_probability=None,
         base=conventions.base,
         transform_tracker_to_base=to_rigid(base.transform_tracker_to_base),
-        transform_covariance=identified.covariances(base.jacobian, 6)[0],
+        transform_covariance=identified.compute_covariances(base.jacobian, 6)[0],
         wrist=wrist,
         no_wrist=no_wrist,
         targets=build_messages(
@@ -652,12 +652,14 @@ def _place_axes(base: BaseFrame, names: Sequence[str]) -> list[results.Identifie
     identified = base.identified
     in_base = [axis.transform(base.place(identified.axes)) for axis in identified.axes]
 
-    def axis_coordinates(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
+    def compute_axis_coordinates(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
         """Return a point and the direction of each axis (6 n,); points are nearest to identified points."""
         pairs = zip(axes, identified.axes, strict=True)
         return np.ravel([[axis.nearest_point_to(other.point), axis.direction] for axis, other in pairs])
 
-    covariances = identified.covariances(identified.jacobian_of(axis_coordinates)).reshape(-1, 2, 3, 3)
+    covariances = identified.compute_covariances(
+        identified.differentiate_quantity(compute_axis_coordinates)
+    ).reshape(-1, 2, 3, 3)
     is_determined = np.isfinite(covariances).all(axis=(-2, -1))
     greatest = np.full(is_determined.shape, np.nan)  # standard uncertainty in any direction
     greatest[is_determined] = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances[is_determined])[:, -1], 0.0))

@@ -705,16 +705,16 @@ class IdentifiedAxes:
         """χ²/dof: 1 on average if sigma was stated and is right; 1 if it was not stated."""
         return self.rss / (self.dof * self.sigma**2)
 
-    def jacobian_of(self, geometry: Geometry) -> FloatArray:
+    def differentiate_quantity(self, geometry: Geometry) -> FloatArray:
         """Return the derivative (k, 4 n + 3 T) of `geometry` with respect to charts and targets."""
         return differentiate_geometry(self.axes, self.targets, geometry)
 
-    def covariance_of(self, geometry: Geometry) -> FloatArray:
+    def compute_covariance_of(self, geometry: Geometry) -> FloatArray:
         """Return the covariance (k, k) of the quantity that `geometry` computes from axes and targets."""
-        J = self.jacobian_of(geometry)
+        J = self.differentiate_quantity(geometry)
         return np.asarray(J @ self.covariance @ J.T)
 
-    def standard_uncertainties(self, jacobian: FloatArray) -> FloatArray:
+    def compute_standard_uncertainties(self, jacobian: FloatArray) -> FloatArray:
         """Return the standard uncertainties (k,) of quantities; infinite for an undetermined quantity.
 
         `jacobian` (k, 4 n + 3 T) is the derivative of the quantities with respect to charts and targets.
@@ -727,14 +727,16 @@ class IdentifiedAxes:
         largest = np.linalg.norm(jacobian, axis=1) * np.linalg.norm(self.undetermined, axis=0).max()
         return np.where(change > _UNDETERMINED_SHARE * largest, np.inf, spread)
 
-    def covariances(self, jacobian: FloatArray, size: int = 3) -> FloatArray:
+    def compute_covariances(self, jacobian: FloatArray, size: int = 3) -> FloatArray:
         """Return the covariances (k, size, size) of k vectors; NaN where a component is undetermined.
 
         `jacobian` (k · size, 4 n + 3 T) is the derivative of the vectors with respect to charts and targets.
         """
         blocks = jacobian.reshape(-1, size, jacobian.shape[-1])
         covariances: FloatArray = blocks @ self.covariance @ blocks.transpose(0, 2, 1)
-        is_undetermined = np.isinf(self.standard_uncertainties(jacobian)).reshape(-1, size).any(axis=1)
+        is_undetermined = (
+            np.isinf(self.compute_standard_uncertainties(jacobian)).reshape(-1, size).any(axis=1)
+        )
         covariances[is_undetermined] = np.nan
         return covariances
 
