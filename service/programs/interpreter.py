@@ -512,7 +512,10 @@ class Machine:
                 self._incoming[begin] = {UNKNOWN: (cause, 0)}
 
     def _propagate_through(self, routine: str, indices: Iterable[int]) -> None:
-        """Propagate states through the operations `indices` of a routine once; record their moves."""
+        """Propagate states through the operations `indices` of a routine once; record their moves.
+
+        A state has the content of each variable, as it is on all paths to an operation.
+        """
         state: State | None = {}  # None where no path leads to the operation
         shared = False  # whether the state is stored elsewhere, so that it must be copied before a change
         self._entered_routines.append(routine)
@@ -568,10 +571,10 @@ class Machine:
         return True
 
     def _join_states(self, first: State | None, second: State | None) -> State | None:
-        """Return the join of two states: equal contents, and a cause where the contents of a name differ.
+        """Return the state, the contents of all variables, behind a place where two paths meet.
 
-        None is the state of a place that no path reaches. The state `first` itself is returned if the join is
-        equal to it.
+        Equal contents are kept; a cause why the content is unknown replaces contents that differ. None is the
+        state of a place that no path reaches. If nothing changes, the object `first` is returned.
         """
         if first is None or second is None or first == second:
             return second if first is None else first
@@ -595,7 +598,11 @@ class Machine:
             self.refuse(None, "the program has too many branches and names", "split the program")
 
     def _update_state(self, state: State, i: int) -> None:
-        """Apply operation i to a state: an assignment, unknown values, or the call of an unknown routine."""
+        """Apply operation i to a state, the contents of all variables; the state is changed in place.
+
+        Contents change by an assignment, by a statement after which values are unknown, and by the call of an
+        unknown routine.
+        """
         op, place = self._ops[i], self._places[i]
         if isinstance(op, ir.Assign):
             name = place.qualify(op.name)

@@ -67,9 +67,10 @@ def _read_value(line: Line, text: str) -> list[Op]:
 
 
 def _read_struct(line: Line, start: int, end: int) -> dict[str, int | str]:
-    """Return the fields of a structure `{...}` between two indices: ordinals of numbers, or texts.
+    """Return the fields of a structure `{...}` between two indices by name: ordinals of numbers, or texts.
 
-    The result is empty if a field is computed or occurs twice, or if the text is not a structure.
+    The ordinal of a number is its index among the numbers of the statement. The result is empty if a field is
+    computed or occurs twice, or if the text is not a structure.
     """
     match = re.compile(r"\{(?:\w+:)?([^{}]*)\}").fullmatch(line.text, start, end)
     numbers, fields = iter(line.ordinals_in(start, end)), dict[str, int | str]()

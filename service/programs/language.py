@@ -170,12 +170,15 @@ class Line:
         return self.match.span(group) if self.match else (0, 0)
 
     def ordinals_in(self, begin: int, end: int) -> tuple[int, ...]:
-        """Return the ordinals of the numbers between two indices of characters of the text."""
+        """Return the ordinals of the numbers between two indices of characters of the text.
+
+        The ordinal of a number is its index among all numbers of the statement.
+        """
         places = _find_numbers(self.text)
         return self.ordinals[bisect_left(places, begin) : bisect_left(places, end)]
 
     def first_ordinal(self, group: str) -> int:
-        """Return the ordinal of the first number in the part that matched a named group."""
+        """Return the ordinal of the first number in the part of the statement that matched a named group."""
         return self.ordinals_in(*self.span(group))[0]
 
     def read_expression(self, text: str) -> list[Op]:

@@ -345,6 +345,30 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
     ]
     combined_centre = np.sum([W @ centre for W, (_, centre, _) in weighted_ways], axis=0)
     combined_influence = np.sum([W @ influence for W, (_, _, influence) in weighted_ways], axis=0)
+    return WristResult(
+        estimates=estimates,
+        combined=WristCentre(
+            way="combined", weight=1.0, **express_in_both_frames(combined_centre, combined_influence)
+        ),
+        distances=_compare_centres(ways, sigma),
+        posture=posture.tolist(),
+        miss_distance=miss_distance,
+        miss_uncertainty=miss_uncertainty,
+        miss_probability=miss_probability,
+        decoupled_method=miss_distance <= Wrist.TOLERANCE,
+    )
+
+
+def _compare_centres(
+    ways: Sequence[tuple[CentreWay, FloatArray, FloatArray]], sigma: float
+) -> list[WristDistance]:
+    """Return the distance of each pair of estimates of the wrist centre, with the p-value of a χ² test.
+
+    Args:
+        ways: method, centre (3,) [m] and derivative (3, m) with respect to the whitened readings of each
+            estimate.
+        sigma: standard uncertainty of a coordinate of a reading [m].
+    """
     distances = []
     for (first, centre_1, influence_1), (second, centre_2, influence_2) in combinations(ways, 2):
         gap, difference = centre_1 - centre_2, sigma * (influence_1 - influence_2)
@@ -357,18 +381,7 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
         distances.append(
             WristDistance(first=first, second=second, distance=distance, probability=probability)
         )
-    return WristResult(
-        estimates=estimates,
-        combined=WristCentre(
-            way="combined", weight=1.0, **express_in_both_frames(combined_centre, combined_influence)
-        ),
-        distances=distances,
-        posture=posture.tolist(),
-        miss_distance=miss_distance,
-        miss_uncertainty=miss_uncertainty,
-        miss_probability=miss_probability,
-        decoupled_method=miss_distance <= Wrist.TOLERANCE,
-    )
+    return distances
 
 
 def _find_point_nearest_to_axes(
