@@ -34,7 +34,7 @@ from jointstiff.solver.geometry.poses import (
     Poses,
     PoseState,
     build_arm,
-    chain_axes,
+    list_chain_axes,
     transform_points,
 )
 from jointstiff.solver.mechanics.block import STANDARD_GRAVITY
@@ -276,7 +276,7 @@ def compute_torques(robot: Robot, readings: WeightReadings, motion: Motion) -> T
     burden, axes = readings.burden, motion.axes
     home = Postures(robot, np.zeros((1, robot.n)))  # nominal robot with all angles zero
     rotations, nominal_origins = (part[0] for part in home.joint_frames)
-    origins = [axis.nearest(origin) for axis, origin in zip(axes, nominal_origins, strict=True)]
+    origins = [axis.nearest_point_to(origin) for axis, origin in zip(axes, nominal_origins, strict=True)]
     frames = [pin.SE3(R, origin) for R, origin in zip(rotations, origins, strict=True)]
     to_flange = home.flange_translation[0] - nominal_origins[-1]
     arm = build_arm(axes, frames, pin.SE3(home.flange_rotation[0], origins[-1] + to_flange))
@@ -332,7 +332,7 @@ def make_planned_rows_function(
         compliance: (n,) nominal compliances, which convert errors of masses to sag [rad/(N·m)].
         free_base: whether the rows have columns of a tilting base.
     """
-    axes, flange = chain_axes(robot.chain)
+    axes, flange = list_chain_axes(robot.chain)
     names = tuple(map(str, range(len(targets))))
 
     def compute_rows(joints: FloatArray) -> FloatArray:

@@ -74,7 +74,7 @@ class ProgramFrames:
         world = _stated_pose(notation, options.world, "world")
         flange = _stated_pose(notation, options.flange, "flange")
         # A target in joint angles needs its base only for a load along the axes of the base.
-        unused = targets.by_joints & (options.axes != "base")
+        unused = targets.given_as_joints & (options.axes != "base")
         bases = np.where(unused, -1, targets.base)
         tool = _find_target_frames(flange, notation, options.tools, targets.frames, targets.tool, "tools")
         base = _find_target_frames(world, notation, options.bases, targets.frames, bases, "bases")
@@ -98,10 +98,10 @@ class ProgramFrames:
             block = slice(start, start + BLOCK)
             targets, poses = indices[block], np.full_like(wanted[block], np.nan)
             stated = program.targets.values[targets] if values is None else values[block]
-            for notation, rows in program.targets.by_notation(targets):
+            for notation, rows in program.targets.group_by_notation(targets):
                 numbers = stated[rows, : 3 + notation.count]
                 if notation.has_pose:
-                    poses[rows] = notation.poses(numbers)
+                    poses[rows] = notation.to_poses(numbers)
                 elif not notation.is_joints:
                     poses[rows] = self._poses_from_axis(notation, numbers)
             wanted[block] = self.base.select(targets) @ poses @ self.tool.select_inverse(targets)
@@ -121,12 +121,12 @@ class ProgramFrames:
         """
         poses = self.base.select_inverse(indices) @ flange @ self.tool.select(indices)
         numbers = np.full((len(indices), NUMBERS), np.nan)
-        for notation, rows in program.targets.by_notation(indices):
+        for notation, rows in program.targets.group_by_notation(indices):
             near = program.targets.values[indices[rows], : 3 + notation.count]
             if notation.is_joints:
                 continue
             if notation.has_pose:
-                new = notation.values(poses[rows], near)
+                new = notation.from_poses(poses[rows], near)
             else:
                 new = near.copy()
                 new[:, :3] = poses[rows, :3, 3] / notation.length
@@ -250,7 +250,7 @@ def _stated_pose(notation: Notation, values: Sequence[float] | None, where: str)
             where=where,
             remedy=f"give the position, then {notation.orientation.value}, in the program's units",
         )
-    return notation.pose(values)
+    return notation.to_pose(values)
 
 
 _MORE_LINES: Final = 1_000
@@ -596,7 +596,7 @@ class Visits:
         rank = np.empty_like(by_visit)
         rank[by_visit] = np.arange(len(by_visit))
         first, number = begin[by_visit], rank[place]
-        loads = collect_loads(options, table, program.moves.line[program.moves.of_visit], number + 1)
+        loads = collect_loads(options, table, program.moves.line[program.moves.move_of_visit], number + 1)
         if not (loads.of_visit.any() or options.absolute):
             raise RequestError(
                 "no move is under load",
@@ -666,7 +666,7 @@ def _find_wanted_postures(
         ProgramError: a target is not reached, or its arm configuration is ambiguous.
     """
     targets, unit = program.targets, program.targets.angle_unit[visits, None]
-    by_joints = targets.by_joints[visits]
+    by_joints = targets.given_as_joints[visits]
     given = np.where(by_joints[:, None], targets.values[visits, :6] * unit, np.nan)
     _refuse_new_letters(program, visits, by_joints)
     poses = frames.flange_poses(program, visits)
@@ -674,7 +674,7 @@ def _find_wanted_postures(
     is_stated = np.isfinite(ranges).any(axis=(1, 2))
     start = start_joints(options, robot)
     # A linear move keeps the arm's configuration; a joint move takes the configuration that is stated.
-    by_joint = program.moves.by_joint & is_stated & stated.binds_joint_moves
+    by_joint = program.moves.is_visit_of_joint_move & is_stated & stated.binds_joint_moves
     with as_request_errors("robot"):
         joints, unreached = choose_postures(inverse, poses, given, ranges, by_joint, start)
     faults = [

@@ -279,7 +279,7 @@ def write_compensated_program(
     unreached: list[int] = []
     for rows in rewriting.blocks(targets):
         block, cases = targets[rows], path.cases[corrections.points[rows]]
-        by_joints, unit = program.targets.by_joints[block], program.targets.angle_unit[block, None]
+        by_joints, unit = program.targets.given_as_joints[block], program.targets.angle_unit[block, None]
         commanded = Postures(robot, robot.joint_map.model_angles(corrections.commanded[rows]))
         values = frames.numbers_of_poses(program, block, commanded.flange_pose)
         before, after = (
@@ -329,7 +329,7 @@ def write_compensated_program(
 def _wanted_positions(path: ProgramPath, robot: Robot) -> FloatArray:
     """Return the wanted positions (m, 3) of the tool's centre point, in R0 [m]."""
     positions = path.frames.positions(path.program, path.targets)
-    by_joints = np.flatnonzero(path.program.targets.by_joints[path.targets])
+    by_joints = np.flatnonzero(path.program.targets.given_as_joints[path.targets])
     if len(by_joints):
         goal = Postures(robot, robot.joint_map.model_angles(path.cases.joints[by_joints]))
         positions[by_joints] = goal.to_base(path.cases.place[by_joints, None])[:, 0]
@@ -479,7 +479,7 @@ class ProgramWork(Work):
         )
         program, left, assessment = (
             self._program,
-            len(self._program.left),
+            len(self._program.left_moves),
             self._assess_corrections(corrections),
         )
         if (self._request.mark or assessment.verdict == "do_not_use" or left) and points.changed.any():
@@ -496,7 +496,7 @@ class ProgramWork(Work):
         Raises:
             VerdictError: limits reduce corrections, and the request has no `accept_verdict`.
         """
-        left, points = len(self._program.left), len(corrections.points)
+        left, points = len(self._program.left_moves), len(corrections.points)
         moves, capped = len(self._program.moves) + left, int(corrections.capped.sum())
         lengths = np.linalg.norm(corrections.uncorrected[:, :3], axis=1)
         turn = np.abs(corrections.commanded - self._path.cases.joints[corrections.points]).max(
@@ -564,8 +564,8 @@ class ProgramWork(Work):
             assessment=assessment,
             format=kind,
             points=len(program.targets),
-            moves=len(program.moves) + len(program.left),
-            moves_left=len(program.left),
+            moves=len(program.moves) + len(program.left_moves),
+            moves_left=len(program.left_moves),
             corrected=int(points.changed.sum()),
             capped=int(corrections.capped.sum()),
             left_alone={reason: count for reason, count in left.items() if count},
@@ -585,7 +585,7 @@ class ProgramWork(Work):
         lines: dict[str, list[int]] = {}
         for remark in self._program.left_alone:
             lines.setdefault(remark.text, []).append(remark.line)
-        for each in self._program.left:
+        for each in self._program.left_moves:
             lines.setdefault(f"left unchanged: {each.reason}; {each.remedy}", []).append(each.line)
         left = [f"{_line_numbers(numbers)}: {reason}" for reason, numbers in lines.items()]
         more = [f"… and {len(left) - _MAX_REMARKS} more remarks"] if len(left) > _MAX_REMARKS else []

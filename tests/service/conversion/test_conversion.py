@@ -80,7 +80,7 @@ def test_gauges_along_the_axes_are_the_deflections_themselves():
     for one, other in zip(whole, taken_apart, strict=True):
         assert other.compliance == pytest.approx(one.compliance, rel=1e-6)
     posted = MeasurementSetDocument.model_validate_json(json.dumps(axes["measurement_set"]))
-    assert ReadingArrays.from_observations(posted.observations).directions.present.all()
+    assert ReadingArrays.from_observations(posted.observations).directions.has_direction.all()
 
 
 ENCODER = {"joint": "joint_1", "unloaded": 0.1, "loaded": 0.2}

@@ -32,11 +32,11 @@ def test_names_of_joints_and_targets_and_numbers_of_angles_are_checked(local, sw
             one["targets"] = {f"T{i}": [1.0, 2.0, 3.0 + 0.1 * i]}
 
     assert said(lambda sweeps: sweeps[1]["observations"][3]["joints"].pop()) == (
-        "422 | sweeps[1].observations[3].joints | there are 5 joint angles, but 6 joints | give the "
-        "angles of all controller joints in every position"
+        "422 | sweeps[1].observations[3].joints | there are 5 joint angles, but the robot has 6 joints | "
+        "give the angles of all controller joints in every position"
     )
     assert said(lambda sweeps: sweeps[0].update(joint="J1")) == (
-        "422 | sweeps[0].joint | there is no joint 'J1' | use one of joint_1, joint_2, joint_3, "
+        "422 | sweeps[0].joint | the robot has no joint 'J1' | use one of joint_1, joint_2, joint_3, "
         "joint_4, joint_5, joint_6"
     )
     assert said(own_target_each_time) == (

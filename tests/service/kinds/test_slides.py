@@ -335,7 +335,7 @@ class TestWhatDoesNotGoWithASlide:
         )
         assert refused(js.identify, document) == (
             "measurement_set.observations | there are encoder readings of joint_3, a prismatic joint | "
-            "omit them: secondary encoders are read of revolute joints only"
+            "omit these readings: encoder readings are used for revolute joints only"
         )
 
     def test_a_geometry(self):

@@ -177,7 +177,7 @@ def test_no_further_readings_reach_the_goal_beside_a_mistake(client, mistaken):
             {"joints": [0.0]},
             422,
             "observations[16].joints",
-            "observation 'm17' has 1 joint angles, the first one 6",
+            "observation 'm17' has 1 joint angles, but the first observation has 6",
             "give one angle for each joint of the robot in every observation",
         ),
     ],

@@ -44,7 +44,7 @@ def commanded_poses(kind, result):
     file = result.files[0]
     program = read_program([(file.name, decompress_file(file))])
     (notation,) = program.targets.notations
-    return notation.poses(program.targets.values[:, : 3 + notation.count])
+    return notation.to_poses(program.targets.values[:, : 3 + notation.count])
 
 
 def inverse(poses, near):

@@ -25,7 +25,7 @@ from jointstiff.simulator.own_weight import Bodies, sag
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.estimation.cones import Block
 from jointstiff.solver.estimation.problem import Bounds, Constraints
-from jointstiff.solver.geometry.poses import PoseState, chain_axes, transform_points
+from jointstiff.solver.geometry.poses import PoseState, list_chain_axes, transform_points
 from jointstiff.solver.mechanics.block import OwnWeight
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.postures import Postures
@@ -273,7 +273,7 @@ COUNT = 30
 
 def rows_of(readings, theta=None):
     """Return the rows about the nominal geometry, at a sag of zero if None."""
-    axes, flange = chain_axes(ROBOT.chain)
+    axes, flange = list_chain_axes(ROBOT.chain)
     theta = np.zeros(readings.poses.angles.shape) if theta is None else theta
     state = PoseState(axes, transform_points(flange, POINTS), np.zeros(len(theta)))
     return linearise_readings(ROBOT, readings, readings.poses.whitened, state, theta, theta[0])
