@@ -157,7 +157,7 @@ class Jobs:
     def answered(self, record: JobRecord) -> str:
         """Return the JSON with which the API answers for a job; a job that has not ended has its progress."""
         is_active = record.state in OPEN_STATES
-        return self.kind.answered(
+        return self.kind.to_answer(
             self._with_progress(record).model_dump_json() if is_active else record.document
         )
 

@@ -28,7 +28,7 @@ from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.rooms import ROOMS, import_kind
-from jointstiff.service.kinds.verb import Cancel, Follow, OnProgress, import_verb
+from jointstiff.service.kinds.verb import Cancel, JobMonitor, OnProgress, import_verb
 from jointstiff.service.library import results
 from jointstiff.service.library.campaigns import Campaign, options_of
 from jointstiff.service.library.cases import AnyPostures, make_load_cases
@@ -221,12 +221,12 @@ class Client(Verbs):
             return again(
                 self, campaign, options, on_progress=on_progress, cancel=cancel, executor=executor, **fields
             )
-        with Follow(on_progress, cancel, executor) as follow:
-            self.begun(follow)  # refuses an executor
+        with JobMonitor(on_progress, cancel, executor) as monitor:
+            self.begun(monitor)  # refuses an executor
             read = read_campaign(campaign)
             own = to_json_object(read.run if options is None else options)
             run = {"leave_out": read.run.leave_out, **own, **fields}
-            return self.runs.wait(self.post(to_json_object(read) | {"run": run}), follow)
+            return self.runs.wait(self.post(to_json_object(read) | {"run": run}), monitor)
 
     def trend(self, robot: Robot | RobotSummary | str, **filters: str) -> RobotTrend:
         """Return the trend of a stored robot's joints over its campaigns.
@@ -254,13 +254,13 @@ class Client(Verbs):
         key = content_key(text) if once else None
         return self.runs.parse_answer(self.send("POST", "/v1/campaigns", _WAIT_QUERY, text, key))
 
-    def begun(self, follow: Follow) -> Client:
+    def begun(self, monitor: JobMonitor) -> Client:
         """Begin a call of a method for work, such as `identify`; return this client.
 
         Raises:
             TypeError: an executor is given: the service has its own workers.
         """
-        if follow.executor is not None:
+        if monitor.executor is not None:
             raise TypeError(
                 "a service computes with its own workers: give `executor` to the functions of `jointstiff`, "
                 "or start more workers with `jointstiff worker`"
@@ -307,7 +307,7 @@ class Client(Verbs):
     def run(
         self,
         request: RunRequest,
-        follow: Follow,
+        monitor: JobMonitor,
         dispensable: bool,
     ) -> Run | None:
         """Post a request of a run unless it was posted before; return the run when it has ended.
@@ -317,7 +317,7 @@ class Client(Verbs):
         """
         text = request.model_dump_json()
         try:
-            return self.runs.wait(self.runs.create(text, key=content_key(text)), follow)
+            return self.runs.wait(self.runs.create(text, key=content_key(text)), monitor)
         except RefusedError as refused:
             if dispensable and refused.problem.type.endswith(":unsupported-method"):
                 return None
@@ -335,11 +335,11 @@ class Client(Verbs):
         kind: Kind[AnyJob, Any],
         request: dict[str, Any],
         files: Mapping[str, bytes],
-        follow: Follow,
+        monitor: JobMonitor,
     ) -> AnyJob:
         """Post a request of a kind of work, with its files by name; return the job when it has ended."""
         jobs: Jobs[AnyJob] = getattr(self, kind.collection)
-        return jobs.wait(jobs.create(request, files=files), follow)
+        return jobs.wait(jobs.create(request, files=files), monitor)
 
     def sheet(self, job: Job, file: File) -> Sheet:
         """Return the table of a file of a job; download the numbers if the job does not contain them."""
@@ -518,21 +518,21 @@ class Jobs(Collection[AnyJob, JobSummary]):
         self, document: Document, on_progress: OnProgress | None = None, cancel: Cancel | None = None
     ) -> AnyJob:
         """Post a request; return the job when it has ended."""
-        with Follow(on_progress, cancel) as follow:
-            return self.wait(self.create(document), follow)
+        with JobMonitor(on_progress, cancel) as monitor:
+            return self.wait(self.create(document), monitor)
 
     def wait(self, job: AnyJob, follow: OnProgress | None = None) -> AnyJob:
         """Wait for the end of a job; return the ended job. Ctrl-C cancels the job.
 
         Args:
             job: job of the service.
-            follow: function called with the progress of the job.
+            follow: function called with the progress of the job; a `JobMonitor` can also cancel the job.
         """
         try:
             while job.state in {"queued", "running"}:
                 if follow is not None and job.progress is not None:
                     follow(job.progress)
-                if isinstance(follow, Follow) and follow.cancelled:
+                if isinstance(follow, JobMonitor) and follow.cancelled:
                     self.cancel(job.id)
                 time.sleep(_POLL_SECONDS)
                 job = self.get(job.id)

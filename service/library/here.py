@@ -16,7 +16,7 @@ from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.kinds.kind import AnyJob, AnyKind, File, Kind
 from jointstiff.service.kinds.rooms import import_kind
-from jointstiff.service.kinds.verb import Follow
+from jointstiff.service.kinds.verb import JobMonitor
 from jointstiff.service.kinds.work import QuickWork, carry_out, new_job
 from jointstiff.service.library import results
 from jointstiff.service.library.campaigns import options_of
@@ -90,7 +90,7 @@ class Here(Verbs):
         """Begin without prepared inputs; `campaign` is the campaign of a run that was read from a file."""
         self.inputs, self.campaign = InMemoryInputs(), campaign
 
-    def begun(self, follow: Follow) -> Here:  # noqa: ARG002 - any executor can be used
+    def begun(self, monitor: JobMonitor) -> Here:  # noqa: ARG002 - any executor can be used
         """Return a new object for one call, so that its inputs are freed with the result of the call."""
         return Here()
 
@@ -135,7 +135,7 @@ class Here(Verbs):
                 )
         return self.inputs.add_run(run, set_id)
 
-    def run(self, request: RunRequest, follow: Follow, dispensable: bool) -> Run:
+    def run(self, request: RunRequest, monitor: JobMonitor, dispensable: bool) -> Run:
         """Identify a prepared measurement set; return the run.
 
         With `dispensable`, the work can do without this run: return a failed run if the readings do not
@@ -145,7 +145,7 @@ class Here(Verbs):
             CampaignError: the request cannot be used, or the readings do not support an indispensable run.
         """
         try:
-            run: Run = self.done(import_kind("run"), request.model_dump(mode="json"), {}, follow)
+            run: Run = self.done(import_kind("run"), request.model_dump(mode="json"), {}, monitor)
         except CampaignError as refused:
             if not dispensable or not refused.problem.type.endswith(":unsupported-method"):
                 raise
@@ -165,7 +165,7 @@ class Here(Verbs):
         kind: Kind[AnyJob, Any],
         request: dict[str, Any],
         files: Mapping[str, bytes],
-        follow: Follow,
+        monitor: JobMonitor,
     ) -> AnyJob:
         """Do the work of a request, with its files by name; return the job with its result.
 
@@ -183,7 +183,7 @@ class Here(Verbs):
         with as_campaign_error("" if {"readings", "files"} & set(kind.sources) else kind.name):
             work = kind.compute(self.inputs, message)
             new = new_job(presented_class(kind), message, work)
-            job: AnyJob = carry_out(new, work, follow, lambda: follow.cancelled, follow.executor)
+            job: AnyJob = carry_out(new, work, monitor, lambda: monitor.cancelled, monitor.executor)
         return results.attach_origin(job, self)
 
     @one_thread()
@@ -313,7 +313,7 @@ def read_job(path: Path) -> Job | None:
             job: Job = read_document(path, kind.message)
         except CampaignError:
             continue
-        if kind.reported and job.result is not None:
+        if kind.has_report and job.result is not None:
             return results.attach_origin(job, Here())
     return None
 

@@ -17,7 +17,7 @@ from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Progress
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Campaign, Run, RunRequest
-from jointstiff.service.kinds.verb import Cancel, Follow, OnProgress
+from jointstiff.service.kinds.verb import Cancel, JobMonitor, OnProgress
 from jointstiff.service.kinds.width import CancelledWorkError, map_in_order
 from jointstiff.service.library.campaigns import options_of
 from jointstiff.service.library.here import Here, make_failed_run
@@ -76,8 +76,9 @@ def identify_many(
         raise TypeError(
             f"identify_many() has no option '{unknown[0]}'; `help(jointstiff.identify)` lists them"
         )
-    follow = partial(Follow, on_progress, cancel)
-    return _identify_all(campaigns, _SharedOptions(options, cast("dict[str, Any]", fields)), follow, executor)
+    make_monitor = partial(JobMonitor, on_progress, cancel)
+    shared = _SharedOptions(options, cast("dict[str, Any]", fields))
+    return _identify_all(campaigns, shared, make_monitor, executor)
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ class _Task:
 def _identify_all(
     campaigns: Iterable[AnyCampaign | TabledRun],
     shared: _SharedOptions,
-    make_follow: Callable[[], Follow],
+    make_monitor: Callable[[], JobMonitor],
     executor: Executor | None,
 ) -> Iterator[TabledRun]:
     """Yield the runs of campaigns in order; show the progress after each run.
@@ -115,17 +116,17 @@ def _identify_all(
             sources.append(source)
             yield _make_task(number, source, shared)
 
-    with make_follow() as follow:
+    with make_monitor() as monitor:
         runs = (
-            _identify_one_by_one(tasks(), follow)
+            _identify_one_by_one(tasks(), monitor)
             if executor is None
-            else _identify_by_executor(executor, tasks(), lambda: follow.cancelled)
+            else _identify_by_executor(executor, tasks(), lambda: monitor.cancelled)
         )
         with closing(runs), suppress(CancelledWorkError):
             for count, run in enumerate(runs, 1):
                 run._origin = _OriginThatReadsCampaignLater(sources.popleft())
                 total = len(campaigns) if isinstance(campaigns, Sized) else count + len(sources)
-                follow(Progress(done=count, total=total, unit="campaigns", activity="identifying"))
+                monitor(Progress(done=count, total=total, unit="campaigns", activity="identifying"))
                 yield run
 
 
@@ -137,16 +138,16 @@ def _identify_by_executor(
         yield from map(TabledRun.model_validate_json, answers)
 
 
-def _identify_one_by_one(tasks: Iterable[_Task], follow: Follow) -> Generator[TabledRun]:
+def _identify_one_by_one(tasks: Iterable[_Task], monitor: JobMonitor) -> Generator[TabledRun]:
     """Yield the runs of tasks, computed in this process.
 
     Raises:
         CancelledWorkError: the user has cancelled the work.
     """
     for task in tasks:
-        if follow.cancelled:
+        if monitor.cancelled:
             raise CancelledWorkError
-        run = _identify_campaign(task, follow)
+        run = _identify_campaign(task, monitor)
         if run.state == "cancelled":
             raise CancelledWorkError
         yield run
@@ -178,7 +179,7 @@ def _make_task(number: int, source: Any, shared: _SharedOptions) -> _Task:  # no
     return _Task(name, content, path, shared)
 
 
-def _identify_campaign(task: _Task, follow: Follow | None = None) -> TabledRun:
+def _identify_campaign(task: _Task, monitor: JobMonitor | None = None) -> TabledRun:
     """Identify a campaign; return its run, in state `failed` if the campaign cannot be used."""
     shared = task.shared
     try:
@@ -186,7 +187,7 @@ def _identify_campaign(task: _Task, follow: Follow | None = None) -> TabledRun:
             _read_campaign_of_task(task),
             options=shared.options,
             on_progress=_ignore_progress,  # one bar shows all campaigns
-            cancel=None if follow is None else lambda: follow.cancelled,
+            cancel=None if monitor is None else lambda: monitor.cancelled,
             **shared.fields,
         )
     except CampaignError as error:

@@ -243,7 +243,7 @@ class PresentedJob(Presented):
         kind, job = import_kind(self._job.kind), self._job
         if job.result is None:
             raise ValueError(job.error.detail if job.error else f"the {job.kind} is {job.state}")
-        areas = [] if kind.area is None else [kind.area(self._sheet(None))]
+        areas = [] if kind.make_area_map is None else [kind.make_area_map(self._sheet(None))]
         return draw_figure(f"{kind.title}: {self._first_line()}", list(kind.charts(job.result)), areas)
 
     def table(self, suffix: str) -> bytes:

@@ -168,7 +168,7 @@ def draw_deflections(result: RunResult) -> Picture | None:
     measured, remaining = result.mean_lengths("deflection"), result.mean_lengths("residual")
     if not any(measured.values()):
         return None
-    series = {"measured": [*measured.values()], "left by the model": [*remaining.values()]}
+    series = {"measured": [*measured.values()], "residual": [*remaining.values()]}
     return draw_bars(
         Chart(
             "Deflection before and after compensation, mean length over the targets",

@@ -16,7 +16,7 @@ from jointstiff.schemas.report import Laboratory
 from jointstiff.schemas.run import Budget, RunResult
 from jointstiff.service.conversion.robots import joint_factors
 from jointstiff.service.conversion.units import FORCE, LENGTH
-from jointstiff.service.kinds.run.kind import list_tested_causes
+from jointstiff.service.kinds.run.kind import format_tested_causes
 from jointstiff.service.reports.document import (
     IDENTIFICATION,
     NOT_ISO_9283,
@@ -451,12 +451,13 @@ def build_method_section(model: ExportedModel, laboratory: Laboratory | None) ->
         (request.complementary_stiffness == "neglected", "the complementary stiffness is neglected."),
     )
     notes = [f"Deviation: {text}" for differs, text in deviations if differs]
+    causes = format_tested_causes(model.result)
     return Section(
         METHOD,
         facts=[
             ("Method", f"{way}; jointstiff {version}, as its documentation states (docs/method.md)."),
             *masses,
-            *(("Causes tested, p-value", line) for line in list_tested_causes(model.result)),
+            *([("Causes tested, p-value", causes)] if causes else []),
             ("Procedure of the laboratory", (laboratory and laboratory.method) or NOT_STATED),
         ],
         notes=notes or ["Deviations: none."],

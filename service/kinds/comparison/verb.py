@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 from jointstiff.schemas.comparison import CampaignComparison
 from jointstiff.schemas.run import Run
 from jointstiff.service.kinds.comparison.kind import COMPARISON
-from jointstiff.service.kinds.verb import Door, Follow, describe_fields, merge_options
+from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
 from jointstiff.service.resources.documents import parse_document
 
 if TYPE_CHECKING:
@@ -69,21 +69,22 @@ def compare(
     """
     from jointstiff.service.kinds.comparison.work import ComparedSet, request_comparison
 
-    with Follow(on_progress, cancel, executor) as follow:
-        door = door.begun(follow)
+    with JobMonitor(on_progress, cancel, executor) as monitor:
+        door = door.begun(monitor)
         chosen = parse_document(merge_options(CampaignComparison, options, fields), CampaignComparison)
         sources = [first] if second is None else [first, second]
         sets: list[ComparedSet] = []
         for source, place in zip(sources, ("first.", "second."), strict=False):
-            set_id, own = door.measured(source, place if len(sources) > 1 else "")
-            own = own or RunOptions()
-            # A second campaign is identified with the options of the first; a run keeps its own.
-            shared = own if isinstance(source, Run) or not sets else sets[0].options
-            sets.append(ComparedSet(set_id, own.leave_out, chosen.run or shared))
+            set_id, source_options = door.measured(source, place if len(sources) > 1 else "")
+            source_options = source_options or RunOptions()
+            # A second campaign is identified with the options of the first campaign; a run keeps its options.
+            keeps_options = isinstance(source, Run) or not sets
+            run_options = source_options if keeps_options else sets[0].options
+            sets.append(ComparedSet(set_id, source_options.leave_out, chosen.run or run_options))
         request = request_comparison(
-            sets, chosen, lambda run, dispensable: door.run(run, follow, dispensable)
+            sets, chosen, lambda run, dispensable: door.run(run, monitor, dispensable)
         )
-        return door.done(COMPARISON, request.model_dump(mode="json", exclude_unset=True), {}, follow)
+        return door.done(COMPARISON, request.model_dump(mode="json", exclude_unset=True), {}, monitor)
 
 
 describe_fields(compare, CampaignComparison)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from jointstiff.schemas.fleet import FleetOptions
 from jointstiff.service.kinds.fleet.kind import FLEET
-from jointstiff.service.kinds.verb import Door, Follow, describe_fields, merge_options
+from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -56,11 +56,11 @@ def fleet(
         RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """
-    with Follow(on_progress, cancel, executor) as follow:
-        door = door.begun(follow)
+    with JobMonitor(on_progress, cancel, executor) as monitor:
+        door = door.begun(monitor)
         sets = [door.measured(source, f"campaigns[{i}].")[0] for i, source in enumerate(campaigns)]
         request = {"measurement_set_ids": sets} if sets else {}
-        return door.done(FLEET, request | merge_options(FleetOptions, options, fields), {}, follow)
+        return door.done(FLEET, request | merge_options(FleetOptions, options, fields), {}, monitor)
 
 
 describe_fields(fleet, FleetOptions)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.service.kinds.geometry.kind import GEOMETRY
-from jointstiff.service.kinds.verb import Door, Follow, describe_fields, merge_options
+from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
 from jointstiff.service.resources.documents import read_object, read_robot
 
 if TYPE_CHECKING:
@@ -81,17 +81,18 @@ def geometry(
         RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """
-    with Follow(on_progress, cancel, executor) as follow:
-        door, given = door.begun(follow), dict[str, Any](fields)
+    with JobMonitor(on_progress, cancel, executor) as monitor:
+        door, named_options = door.begun(monitor), dict[str, Any](fields)
         if isinstance(readings, str | PathLike):
             request = read_object(Path(readings))
         else:
             request = {} if readings is None else dict(readings)
-        robot = given.get("robot")
+        robot = named_options.get("robot")
         robot = read_robot(robot) if isinstance(robot, str) else robot
         if isinstance(robot, Message):  # a robot replaces the id of a stored robot in the request
-            given |= {"robot": robot.model_dump(mode="json"), "robot_id": None}
-        return door.done(GEOMETRY, request | merge_options(GeometryRequest, options, given), {}, follow)
+            named_options |= {"robot": robot.model_dump(mode="json"), "robot_id": None}
+        request |= merge_options(GeometryRequest, options, named_options)
+        return door.done(GEOMETRY, request, {}, monitor)
 
 
 describe_fields(geometry, GeometryRequest)

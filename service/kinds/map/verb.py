@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Literal, TypedDict, Unpack
 
 from jointstiff.schemas.deflection import MapOptions
 from jointstiff.service.kinds.map.kind import MAP
-from jointstiff.service.kinds.verb import Door, Follow, describe_fields, merge_options
+from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -71,10 +71,10 @@ def map(  # noqa: A001 - the name of the command
         RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """
-    with Follow(on_progress, cancel, executor) as follow:
-        door = door.begun(follow)
+    with JobMonitor(on_progress, cancel, executor) as monitor:
+        door = door.begun(monitor)
         request = {"run_id": door.identified(run, executor)}
-        return door.done(MAP, request | merge_options(MapOptions, options, fields), {}, follow)
+        return door.done(MAP, request | merge_options(MapOptions, options, fields), {}, monitor)
 
 
 describe_fields(map, MapOptions)

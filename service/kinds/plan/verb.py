@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 from jointstiff.schemas.plan import PlanOptions
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.kinds.plan.kind import PLAN
-from jointstiff.service.kinds.verb import Door, Follow, describe_fields, merge_options
+from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
 from jointstiff.service.resources.documents import read_planned
 
 if TYPE_CHECKING:
@@ -93,17 +93,24 @@ def plan(
         RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """
-    with Follow(on_progress, cancel, executor) as follow:
-        door = door.begun(follow)
+    with JobMonitor(on_progress, cancel, executor) as monitor:
+        door = door.begun(monitor)
         planned = read_planned(source)
         if isinstance(planned, RobotDocument):
             request: dict[str, Any] = {"robot_id": door.described(planned)}
         else:
-            set_id, own = door.measured(planned)
+            set_id, run_options = door.measured(planned)
             # Causes and left-out readings of the campaign's run apply, unless options replace them.
-            chosen = {} if own is None else own.model_dump(mode="json", include={"causes", "leave_out"})
-            request = {"measurement_set_id": set_id, **{name: each for name, each in chosen.items() if each}}
-        return door.done(PLAN, request | merge_options(PlanOptions, options, fields), {}, follow)
+            inherited = (
+                {}
+                if run_options is None
+                else run_options.model_dump(mode="json", include={"causes", "leave_out"})
+            )
+            request = {
+                "measurement_set_id": set_id,
+                **{name: value for name, value in inherited.items() if value},
+            }
+        return door.done(PLAN, request | merge_options(PlanOptions, options, fields), {}, monitor)
 
 
 describe_fields(plan, PlanOptions)

@@ -154,7 +154,7 @@ PROGRAM: Final = Kind[Program, ProgramRequest](
     stepped=True,
     max_bytes=16 * 1024 * 1024,
     is_form=True,
-    answered=lambda document: _CONTENT.sub('"content":null', document),  # files have their own addresses
+    to_answer=lambda document: _CONTENT.sub('"content":null', document),  # files have their own addresses
     files=(
         File(
             name="points.csv",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from jointstiff.schemas.program import ProgramOptions
 from jointstiff.service.kinds.program.kind import PROGRAM
-from jointstiff.service.kinds.verb import Door, Follow, describe_fields, merge_options
+from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -84,19 +84,21 @@ def compensate(
         RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """
-    with Follow(on_progress, cancel, executor) as follow:
-        door, given, paths = door.begun(follow), dict[str, Any](fields), list(map(Path, files))
+    with JobMonitor(on_progress, cancel, executor) as monitor:
+        door, named_options, paths = door.begun(monitor), dict[str, Any](fields), list(map(Path, files))
         request: dict[str, Any] = {"run_id": door.identified(run, executor)}
         if options is None:
             request["units"] = {"length": "m", "angle": "deg", "force": "N"}
-        if "force" in given:
-            given["load"] = {"force": given.pop("force")}
-        table = given.get("loads")
+        if "force" in named_options:
+            named_options["load"] = {"force": named_options.pop("force")}
+        # `loads` may be the path of the table, or only the name of a table that is one of `files`.
+        table = named_options.get("loads")
         if table is not None and Path(table).is_file():
-            given["loads"] = Path(table).name
+            named_options["loads"] = Path(table).name
             paths.append(Path(table))
         contents = {path.name: path.read_bytes() for path in paths}
-        return door.done(PROGRAM, request | merge_options(ProgramOptions, options, given), contents, follow)
+        request |= merge_options(ProgramOptions, options, named_options)
+        return door.done(PROGRAM, request, contents, monitor)
 
 
 describe_fields(compensate, ProgramOptions)

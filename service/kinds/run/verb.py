@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, cast
 
 from jointstiff.schemas.options import RunOptions
 from jointstiff.service.kinds.run.kind import RUN
-from jointstiff.service.kinds.verb import Door, Follow, describe_fields, merge_options
+from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -83,16 +83,17 @@ def identify(
         RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """
-    with Follow(on_progress, cancel, executor) as follow:
-        door = door.begun(follow)
-        set_id, own = door.measured(campaign)
+    with JobMonitor(on_progress, cancel, executor) as monitor:
+        door = door.begun(monitor)
+        set_id, campaign_options = door.measured(campaign)
         request: dict[str, Any] = {"measurement_set_id": set_id}
-        if own is not None:
-            # The options of the campaign's run apply, unless the caller gives `options` instead.
-            shared = own.model_dump(mode="json", exclude_unset=True) if options is None else {}
-            request = shared | request | {"leave_out": own.leave_out}
+        if campaign_options is not None:
+            # The campaign's own options apply, unless the caller gives `options`; but observations that the
+            # campaign leaves out are left out in any case.
+            defaults = campaign_options.model_dump(mode="json", exclude_unset=True) if options is None else {}
+            request = defaults | request | {"leave_out": campaign_options.leave_out}
         return cast(
-            "TabledRun", door.done(RUN, request | merge_options(RunOptions, options, fields), {}, follow)
+            "TabledRun", door.done(RUN, request | merge_options(RunOptions, options, fields), {}, monitor)
         )
 
 
