@@ -87,12 +87,13 @@ class Client(Verbs):
     Its methods for work are those of `import jointstiff`, such as `client.identify("campaign.json")`. In
     place of a campaign they also accept a run or a robot of the service.
 
-    If a service answered before and does not answer now, it is probably restarting: requests are repeated
-    until it answers. Each post carries a key that makes it safe to repeat. Every method raises `RefusedError`
-    if the service refuses or does not answer. As a context manager, the client closes its connections.
+    If a service answered before and does not answer now, the service is probably restarting: requests are
+    repeated until it answers. Each post carries a key that makes the post safe to repeat. Every method raises
+    `RefusedError` if the service refuses or does not answer. As a context manager, the client closes its
+    connections.
     """
 
-    # The constructor sets a collection for each kind of work; these lines are for editors and mypy.
+    # The constructor sets these collections, one for each kind of work; editors and mypy need the annotations.
     runs: Jobs[TabledRun]
     comparisons: Jobs[Comparison]
     geometries: Jobs[Geometry]
@@ -217,16 +218,17 @@ class Client(Verbs):
             TypeError: an executor is given: the service has its own workers.
         """
         if isinstance(campaign, Run):
-            again: Callable[..., TabledRun] = import_verb("run")
-            return again(
+            # The service has the readings of a stored run: only the options are posted.
+            identify_again: Callable[..., TabledRun] = import_verb("run")
+            return identify_again(
                 self, campaign, options, on_progress=on_progress, cancel=cancel, executor=executor, **fields
             )
         with JobMonitor(on_progress, cancel, executor) as monitor:
             self.begun(monitor)  # refuses an executor
-            read = read_campaign(campaign)
-            own = to_json_object(read.run if options is None else options)
-            run = {"leave_out": read.run.leave_out, **own, **fields}
-            return self.runs.wait(self.post(to_json_object(read) | {"run": run}), monitor)
+            document = read_campaign(campaign)
+            run_options = to_json_object(document.run if options is None else options)
+            run_options = {"leave_out": document.run.leave_out, **run_options, **fields}
+            return self.runs.wait(self.post(to_json_object(document) | {"run": run_options}), monitor)
 
     def trend(self, robot: Robot | RobotSummary | str, **filters: str) -> RobotTrend:
         """Return the trend of a stored robot's joints over its campaigns.
@@ -246,7 +248,7 @@ class Client(Verbs):
 
         Args:
             campaign: a file, a document that was read from JSON, or a `Campaign`.
-            once: whether to return the run of an earlier post of the same campaign in place of a new run.
+            once: true to return the run of an earlier post of the same campaign instead of a new run.
         """
         document = to_json_object(campaign if isinstance(campaign, Mapping) else read_campaign(campaign))
         # Sorted keys: the same content gives the same text, and so the same idempotency key.
@@ -286,7 +288,10 @@ class Client(Verbs):
         return run.id
 
     def _replace_foreign_run(self, source: Any) -> Any:  # noqa: ANN401 - a run, or a campaign
-        """Return `source`, or for a run that this service did not do its campaign with the run's options."""
+        """Return the campaign of a run that another service or process computed; return any other `source`.
+
+        The campaign gets the options of the run.
+        """
         if not isinstance(source, TabledRun) or source.was_done_by(self):
             return source
         return source.campaign.model_copy(update={"run": options_of(source)})
@@ -296,13 +301,14 @@ class Client(Verbs):
         stored = self.measurement_sets.get(run.request.measurement_set_id)
         robot = self.robots.get(stored.robot_id)
         # The service's messages have more fields, such as an id, than the documents of a campaign file.
-        parts = ((robot, RobotDocument), (stored, MeasurementSetDocument))
+        stored_and_document = ((robot, RobotDocument), (stored, MeasurementSetDocument))
         robot_fields, set_fields = (
-            {name: getattr(part, name) for name in message.model_fields if name in part.model_fields_set}
-            for part, message in parts
+            {name: getattr(each, name) for name in document.model_fields if name in each.model_fields_set}
+            for each, document in stored_and_document
         )
-        document = {"robot": robot_fields, "measurement_set": set_fields, "run": options_of(run)}
-        return Campaign.model_validate(document)
+        return Campaign.model_validate(
+            {"robot": robot_fields, "measurement_set": set_fields, "run": options_of(run)}
+        )
 
     def run(
         self,
@@ -312,8 +318,8 @@ class Client(Verbs):
     ) -> Run | None:
         """Post a request of a run unless it was posted before; return the run when it has ended.
 
-        With `dispensable`, the work can do without this run: return None if the readings do not support its
-        method.
+        `dispensable` is true if the caller can continue without this run: if the readings do not support its
+        method, None is returned.
         """
         text = request.model_dump_json()
         try:
@@ -366,10 +372,12 @@ class Client(Verbs):
         `query` has the query parameters of the API, such as `accept_verdict`.
 
         Raises:
-            RequestError: a laboratory is given: the service has its own.
+            RequestError: `laboratory` is given, but a service uses the file of its own laboratory.
         """
         if laboratory is not None:
-            remedy = "omit it; `jointstiff serve --laboratory FILE` gives the service its laboratory"
+            remedy = (
+                "omit `laboratory`; `jointstiff serve --laboratory FILE` gives the service its laboratory"
+            )
             raise RequestError(
                 "a service writes reports only for its own laboratory", where="laboratory", remedy=remedy
             )
@@ -378,13 +386,13 @@ class Client(Verbs):
         return content
 
     def apply(self, run: TabledRun, action: str) -> TabledRun:
-        """Apply an action that a reason of a run advises; return the new run when it has ended."""
+        """Apply an action that the run's assessment recommends; return the new run when it has ended."""
         from jointstiff.service.runs.mending import find_advised_action
 
         with as_campaign_error(""):
-            chosen = find_advised_action(cast("Any", run.result).assessment, action)
+            recommended = find_advised_action(cast("Any", run.result).assessment, action)
         address = f"/v1/runs/{quote(run.id, safe='')}/apply"
-        return self.runs.wait(self.runs.parse_answer(self.send("POST", address, _WAIT_QUERY, chosen)))
+        return self.runs.wait(self.runs.parse_answer(self.send("POST", address, _WAIT_QUERY, recommended)))
 
     def send(
         self,
@@ -395,27 +403,31 @@ class Client(Verbs):
         key: str | None = None,
         files: Mapping[str, bytes] | None = None,
     ) -> httpx2.Response:
-        """Send a request and return the answer; repeat the request while a service that answered is away.
+        """Send a request and return the answer; repeat the request while the service does not answer.
 
         A document, or its JSON text, is sent with the idempotency key, by default a random one. With files,
-        the document is sent as the field `options` of a form.
+        the document is sent as the field `options` of a form. A request is repeated only if the service has
+        answered before.
 
         Raises:
             RefusedError: the service refuses, never answered, or did not answer for `patience` seconds.
         """
-        parts: dict[str, Any] = {"params": query}
+        request: dict[str, Any] = {"params": query}
         if document is not None:
             content = document if isinstance(document, str) else json_text(to_json_object(document))
-            parts["headers"] = {"Idempotency-Key": key or uuid4().hex}
+            request["headers"] = {"Idempotency-Key": key or uuid4().hex}
             if files:
-                parts |= {"files": [("files", file) for file in files.items()], "data": {"options": content}}
+                request |= {
+                    "files": [("files", file) for file in files.items()],
+                    "data": {"options": content},
+                }
             else:
-                parts["headers"]["Content-Type"] = "application/json"
-                parts["content"] = content
+                request["headers"]["Content-Type"] = "application/json"
+                request["content"] = content
         end, pause = time.monotonic() + self._patience, _FIRST_PAUSE
         while True:
             try:
-                return self._send_once(verb, path, parts)
+                return self._send_once(verb, path, request)
             except AwayError as error:
                 if not self._answered or time.monotonic() + pause >= end:
                     raise
@@ -424,15 +436,15 @@ class Client(Verbs):
             time.sleep(pause)
             pause = min(2.0 * pause, _LONGEST_PAUSE)
 
-    def _send_once(self, verb: str, path: str, parts: dict[str, Any]) -> httpx2.Response:
-        """Send a request once; return the answer.
+    def _send_once(self, verb: str, path: str, request: dict[str, Any]) -> httpx2.Response:
+        """Send a request once; return the answer. `request` has arguments of `httpx2.Client.request`.
 
         Raises:
             AwayError: the service does not answer, or is not available now.
             RefusedError: the service refuses, or the answer cannot be decoded.
         """
         try:
-            response = self._http.request(verb, path, **parts)
+            response = self._http.request(verb, path, **request)
         except httpx2.DecodingError as error:
             raise _foreign_answer_error("it cannot be decoded") from error
         except httpx2.InvalidURL as error:
@@ -560,11 +572,11 @@ class Jobs(Collection[AnyJob, JobSummary]):
         Raises:
             RefusedError: the answer has no job, or a job of another kind.
         """
-        found = parse_resource(answer, _KindOfJob).kind
-        if found != self._name:
-            reason = f"the job is a {found}, not a {self._name}"
+        name = parse_resource(answer, _KindOfJob).kind
+        if name != self._name:
+            reason = f"the job is a {name}, not a {self._name}"
             raise RefusedError(
-                http_problem(404, reason, f"get the job from the client's collection for the kind {found}")
+                http_problem(404, reason, f"get the job from the client's collection for the kind {name}")
             )
         return results.attach_origin(super().parse_answer(answer), self._client)
 
@@ -576,7 +588,7 @@ class _KindOfJob(Message, extra="ignore"):
 
 
 def parse_resource(response: httpx2.Response, kind: type[Resource]) -> Resource:
-    """Parse an answer as a message; unprintable characters are replaced, as any server may have sent it.
+    """Parse an answer as a message; replace unprintable characters, because any server may have sent them.
 
     Raises:
         RefusedError: the answer is not such a message.
@@ -608,7 +620,7 @@ def _no_answer_problem(address: object, error: Exception) -> Problem:
     return http_problem(
         503,
         f"no answer from {address}: {error}",
-        "start it with `jointstiff serve`, or give the address of a running service with --server",
+        "start the service with `jointstiff serve`, or give the address of a running service with --server",
     )
 
 
@@ -672,12 +684,12 @@ class AsyncClient:
         return await asyncio.to_thread(function, *arguments, **options)
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - of Client
-        """Return a method or a collection of `Client` in a form that is awaited."""
+        """Return a method of `Client` as a coroutine function, or a collection whose methods are awaited."""
         value = getattr(self._client, name)
         if isinstance(value, Collection):
             return _AsyncCollection(value)
-        stepped = any(room.command == name for room in ROOMS.values())
-        return _run_in_thread(value, stepped=stepped) if callable(value) else value
+        is_verb = any(room.command == name for room in ROOMS.values())
+        return _run_in_thread(value, cancellable=is_verb) if callable(value) else value
 
 
 class _AsyncCollection:
@@ -688,30 +700,31 @@ class _AsyncCollection:
 
     async def list(self, **filters: str) -> AsyncIterator[Any]:
         """Yield summaries of the resources, newest first."""
-        summaries, end = self._collection.list(**filters), object()
-        while (summary := await asyncio.to_thread(next, summaries, end)) is not end:
+        # Each page is requested in another thread; `end_mark` is returned after the last summary.
+        summaries, end_mark = self._collection.list(**filters), object()
+        while (summary := await asyncio.to_thread(next, summaries, end_mark)) is not end_mark:
             yield summary
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - of the collection
-        return _run_in_thread(getattr(self._collection, name), stepped=False)
+        return _run_in_thread(getattr(self._collection, name), cancellable=False)
 
 
-def _run_in_thread(function: Callable[..., Any], *, stepped: bool) -> Callable[..., Any]:
+def _run_in_thread(function: Callable[..., Any], *, cancellable: bool) -> Callable[..., Any]:
     """Return a coroutine function that calls a function in another thread.
 
-    If `stepped`, the function takes an argument `cancel`, and ends early when its task is cancelled.
+    A cancellable function takes an argument `cancel`, and ends early when its task is cancelled.
     """
 
     async def call(*arguments: Any, **options: Any) -> Any:  # noqa: ANN401 - of the function
         """Call the function in another thread and return its value; when cancelled, let it end early."""
-        # Cancelling a task does not stop its thread. The function calls `cancel` and stops if it is true.
-        ended = threading.Event()
-        if stepped:
-            options.setdefault("cancel", ended.is_set)
+        # Cancelling a task does not stop its thread: the function stops itself when `cancel` returns true.
+        task_ended = threading.Event()
+        if cancellable:
+            options.setdefault("cancel", task_ended.is_set)
         try:
             return await asyncio.to_thread(function, *arguments, **options)
         except asyncio.CancelledError:
-            ended.set()
+            task_ended.set()
             raise
 
     call.__name__, call.__doc__ = getattr(function, "__name__", "call"), function.__doc__

@@ -51,8 +51,9 @@ def identify_many(
 
     Args:
         campaigns: files, documents that were read from JSON, `Campaign` objects, or runs. An iterator is
-            read as the work goes on: 256 campaigns beyond the runs so far, up to 1,024 behind a slow one.
-        options: options of every run; `fields` replace single ones. Default: those of each campaign.
+            read while the work goes on: up to 256 campaigns ahead of the last run, or up to 1,024 while the
+            next run takes longer than others.
+        options: options of every run; `fields` replace single options. Default: the options of each campaign.
         executor: computes whole campaigns, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
             client's `get_executor()`; the numbers have the same bits.
         on_progress: called with the number of identified campaigns; default: a bar in a terminal or a
@@ -107,23 +108,24 @@ def _identify_all(
 ) -> Iterator[TabledRun]:
     """Yield the runs of campaigns in order; show the progress after each run.
 
-    Campaigns are read as the work goes on; `sources` keeps those that are read and not identified yet.
+    Campaigns are read as the work goes on; `sources` keeps campaigns that are read but not identified yet.
     """
     sources: deque[Any] = deque()  # campaigns that are being identified, in order
 
-    def tasks() -> Iterator[_Task]:
+    def read_tasks() -> Iterator[_Task]:
         for number, source in enumerate(campaigns):
             sources.append(source)
             yield _make_task(number, source, shared)
 
     with make_monitor() as monitor:
         runs = (
-            _identify_one_by_one(tasks(), monitor)
+            _identify_one_by_one(read_tasks(), monitor)
             if executor is None
-            else _identify_by_executor(executor, tasks(), lambda: monitor.cancelled)
+            else _identify_by_executor(executor, read_tasks(), lambda: monitor.cancelled)
         )
         with closing(runs), suppress(CancelledWorkError):
             for count, run in enumerate(runs, 1):
+                # A run from another process has no origin: the campaign is read again if it is needed.
                 run._origin = _OriginThatReadsCampaignLater(sources.popleft())
                 total = len(campaigns) if isinstance(campaigns, Sized) else count + len(sources)
                 monitor(Progress(done=count, total=total, unit="campaigns", activity="identifying"))

@@ -149,8 +149,8 @@ def _tracker_frame_table(result: GeometryResult) -> Table:
             Column("u turn", uncertainties[3:], micro),
         ],
         title=f"Tracker to R0, placed by {'the nominal model' if result.base == 'nominal' else 'the axes'}",
-        caption="y = R x + t, with x in the tracker's frame and y in R0; t in mm; u: standard uncertainty of a "
-        "translation in µm and of a rotation in µrad, axes of R0",
+        caption="y = R x + t, with x in the tracker's frame and y in R0; t in mm; u: standard uncertainty of "
+        "a translation in µm and of a rotation in µrad, axes of R0",
     )
 
 
