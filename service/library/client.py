@@ -93,7 +93,7 @@ class Client(Verbs):
     connections.
     """
 
-    # The constructor sets these collections, one for each kind of work; editors and mypy need the annotations.
+    # The constructor sets these collections, one for each kind of work; the annotations are for editors.
     runs: Jobs[TabledRun]
     comparisons: Jobs[Comparison]
     geometries: Jobs[Geometry]

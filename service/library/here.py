@@ -126,7 +126,7 @@ class Here(Verbs):
             left_out = run.request.leave_out
             prepared = self.inputs.measured(set_id, "run_id", left_out) if set(left_out) < labels else None
             # A campaign file may have changed since the run: equal hashes show that the run was made from
-            # this robot and these readings. A left-out label that the campaign does not have is such a change.
+            # this robot and these readings. A left-out label that the campaign lacks also shows a change.
             if prepared is None or run.provenance.input_hash != prepared.run_hash(run.request):
                 raise RequestError(
                     f"the run '{run.id}' was made from another robot or from other readings",
@@ -277,7 +277,7 @@ class Here(Verbs):
 
     @one_thread()
     def apply(self, run: TabledRun, action: str) -> TabledRun:
-        """Apply an action that the run's assessment recommends; identify the changed campaign, return its run.
+        """Apply an action that the run's assessment recommends; return the run of the changed campaign.
 
         Raises:
             CampaignError: the assessment does not recommend the action, or the action cannot be applied to
