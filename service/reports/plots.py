@@ -88,7 +88,7 @@ def _error_bar_lengths(
 
 
 def _draw_area(figure: Figure, axis: Axes, area: Area) -> None:
-    """Draw an area seen from above: each place is a square coloured by value, or a cross if the value is NaN."""
+    """Draw an area seen from above: a square for each place, coloured by value; a cross where it is NaN."""
     values = [area.factor * value for value in area.values]
     known = [i for i, value in enumerate(values) if value == value]  # NaN is not equal to NaN
     unknown = [i for i, value in enumerate(values) if value != value]
