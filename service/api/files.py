@@ -128,7 +128,7 @@ def _make_tables_json(requested: _RequestedFile) -> Content:
         if isinstance(part, Table)
     ]
     assessment: BaseModel | None = getattr(requested.job.result, "assessment", None)
-    report = requested.jobs.kind.report(requested.job, requested.job.result, view)
+    report = requested.jobs.kind.make_report(requested.job, requested.job.result, view)
     verdict = assessment and assessment.model_dump(mode="json")
     document = {
         "assessment": verdict,

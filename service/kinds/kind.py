@@ -64,8 +64,8 @@ class Kind(Generic[AnyJob, AnyRequest]):
     options: type[Message]  # the fields of the request that users choose
     # return the work of a request; raises a RequestError if the request names what does not exist, or cannot
     # be carried out
-    compute: Callable[[Inputs, AnyRequest], Work]
-    report: Callable[[AnyJob, Any, View], Report]  # return the report of a job with a result
+    prepare_work: Callable[[Inputs, AnyRequest], Work]
+    make_report: Callable[[AnyJob, Any, View], Report]  # return the report of a job with a result
     sources: tuple[Source, ...]  # arguments of the verb other than options, in order
     title: str  # title of its report
     description: str  # description of the post, for the API's users
@@ -77,7 +77,7 @@ class Kind(Generic[AnyJob, AnyRequest]):
     is_form: bool = False  # true if a request is posted as a form with files, at a route of its own
     to_answer: Callable[[str], str] = str  # convert a stored job's JSON to the JSON that the API returns
     # return the charts of a result, for reports and `plot`
-    charts: Callable[[Any], Sequence[Chart]] = lambda _result: ()
+    make_charts: Callable[[Any], Sequence[Chart]] = lambda _result: ()
     # make the map of the work area that `plot` draws below the charts, from the table of the first file; None
     # if results of this kind have no places
     make_area_map: Callable[[Sheet], Area] | None = None

@@ -185,7 +185,7 @@ class Here(Verbs):
         message = parse_document(request, kind.request)
         # The places in errors begin with the name of the kind, unless they are places in a user's own file.
         with as_campaign_error("" if {"readings", "files"} & set(kind.sources) else kind.name):
-            work = kind.compute(self.inputs, message)
+            work = kind.prepare_work(self.inputs, message)
             queued = new_job(presented_class(kind), message, work)
             job: AnyJob = carry_out(queued, work, monitor, lambda: monitor.cancelled, monitor.executor)
         return results.attach_origin(job, self)
@@ -226,7 +226,7 @@ class Here(Verbs):
     def sheet(self, job: Job, file: File) -> Sheet:
         """Return the table of a file of a job; compute it again if the result does not contain it."""
         kind = import_kind(job.kind)
-        return build_job_sheet(file, job, lambda: kind.compute(self.inputs, job.request))
+        return build_job_sheet(file, job, lambda: kind.prepare_work(self.inputs, job.request))
 
     def read_campaign(self, _run: Run) -> messages.Campaign | None:
         """Return the campaign of the run that this object identified; None if no campaign was prepared."""

@@ -249,7 +249,7 @@ class PresentedJob(Presented):
             raise ValueError(job.error.detail if job.error else f"the {job.kind} is {job.state}")
         first_table = None  # name of the table with all places
         areas = [] if kind.make_area_map is None else [kind.make_area_map(self._sheet(first_table))]
-        return draw_figure(f"{kind.title}: {self._first_line()}", list(kind.charts(job.result)), areas)
+        return draw_figure(f"{kind.title}: {self._first_line()}", list(kind.make_charts(job.result)), areas)
 
     def table(self, suffix: str) -> bytes:
         """Return the content of the job's main table as a file: `csv`, and for maps also `npz` and `json`.

@@ -79,10 +79,10 @@ def job_parts(kind: AnyKind, job: Job, view: View = _DEFAULT) -> list[Part]:
     if job.result is None:
         return [problem_line(job.error) if job.error else Line(f"the {kind.name} is {job.state}")]
     result: Any = job.result
-    report = kind.report(job, result, view)
+    report = kind.make_report(job, result, view)
     assessment = getattr(result, "assessment", None)
     if assessment is None:
-        return [*report.parts, *report.evidence, *kind.charts(result)]
+        return [*report.parts, *report.evidence, *kind.make_charts(result)]
     details, warnings = view.details, getattr(result, "warnings", ())
     return [
         *verdict_lines(assessment, details=details),
@@ -91,7 +91,7 @@ def job_parts(kind: AnyKind, job: Job, view: View = _DEFAULT) -> list[Part]:
         *warning_lines(assessment, warnings, details=details),
         *report.evidence,
         *to_do_lines([*remedies(assessment, applies=view.applies), *report.advice], details=details),
-        *kind.charts(result),
+        *kind.make_charts(result),
     ]
 
 

@@ -56,7 +56,7 @@ Cell = Callable[[ComparedRun, int], Line]
 """Function that formats a cell of a table, for a run and the index of a joint."""
 
 
-def report(_job: Comparison, result: ComparisonResult, view: View) -> Report:
+def _make_report(_job: Comparison, result: ComparisonResult, view: View) -> Report:
     """Return the report: ratios of two sides, then runs in a column for each method, then failed methods.
 
     `view.details` adds rows that repeat the numbers of other rows.
@@ -384,7 +384,7 @@ def _failure_lines(entries: Sequence[ComparedRun]) -> list[Line]:
     ]
 
 
-def charts(result: ComparisonResult) -> list[Chart]:
+def make_charts(result: ComparisonResult) -> list[Chart]:
     """Return charts of each configuration's deflection and, for each method, of its residual.
 
     These charts correspond to figures 7 and 8 of the paper.
@@ -522,7 +522,7 @@ def configurations_sheet(job: Comparison) -> Sheet:
     )
 
 
-def _compute(inputs: Inputs, request: ComparisonRequest) -> Work:
+def _prepare_work(inputs: Inputs, request: ComparisonRequest) -> Work:
     """Return the work of a comparison, which is computed later; numerical modules are imported here."""
     from jointstiff.service.kinds.comparison.work import prepare_comparison
 
@@ -533,10 +533,10 @@ COMPARISON: Final = Kind[Comparison, ComparisonRequest](
     message=Comparison,
     request=ComparisonRequest,
     options=CampaignComparison,
-    compute=_compute,
-    report=report,
+    prepare_work=_prepare_work,
+    make_report=_make_report,
     sources=("campaigns",),
-    charts=charts,
+    make_charts=make_charts,
     title="Comparison",
     examples={"two sets": {"run_ids": ["ID_OF_A_RUN", "ID_OF_ANOTHER"], "ordered": True}},
     files=tuple(

@@ -36,7 +36,7 @@ def outcome_of_row(row: FleetRow) -> FleetOutcome:
     return row.verdict or "failed"
 
 
-def _report(_job: Fleet, result: FleetResult, view: View) -> Report:
+def _make_report(_job: Fleet, result: FleetResult, view: View) -> Report:
     """Return a headline, the number of sets by outcome, and the table of sets, worst first."""
     order = list(_OUTCOMES)
     rows = sorted(result.rows, key=lambda row: order.index(outcome_of_row(row)))
@@ -134,7 +134,7 @@ def sets_sheet(job: Fleet) -> Sheet:
     return Sheet.with_joint_kinds(Sheet.from_messages(rows, _COLUMNS), kinds)
 
 
-def _compute(inputs: Inputs, request: FleetRequest) -> Work:
+def _prepare_work(inputs: Inputs, request: FleetRequest) -> Work:
     """Return the work of a fleet, which is computed later; numerical modules are imported here."""
     from jointstiff.service.kinds.fleet.work import FleetWork
 
@@ -145,8 +145,8 @@ FLEET: Final = Kind[Fleet, FleetRequest](
     message=Fleet,
     request=FleetRequest,
     options=FleetOptions,
-    compute=_compute,
-    report=_report,
+    prepare_work=_prepare_work,
+    make_report=_make_report,
     sources=("sets",),
     title="Fleet",
     stepped=True,

@@ -48,7 +48,7 @@ _LEAST_PROBABILITY = 1e-6
 """Smallest probability that is shown; a smaller probability is shown as this number "or less"."""
 
 
-def report(_job: Geometry, result: GeometryResult, view: View) -> Report:
+def _make_report(_job: Geometry, result: GeometryResult, view: View) -> Report:
     """Return the report: axes, links and a summary; `view.details` adds the evidence and notes."""
     parts: list[Part] = [_axes_table(result)]
     if view.details:
@@ -277,7 +277,7 @@ def _fit_probability(probability: float) -> str:
     return f"noise alone gives a worse fit with probability {percent} %{or_less}"
 
 
-def charts(result: GeometryResult) -> list[Chart]:
+def make_charts(result: GeometryResult) -> list[Chart]:
     """Return a chart of each axis's standard uncertainty of position, across the axis."""
     names = [axis.name for axis in result.axes]
     series = {"position": [axis.position_uncertainty for axis in result.axes]}
@@ -298,7 +298,7 @@ _AXES: Final = {
 }
 
 
-def compute(inputs: Inputs, request: GeometryRequest) -> Work:
+def _prepare_work(inputs: Inputs, request: GeometryRequest) -> Work:
     """Check robot and readings, and return the work that identifies the geometry.
 
     Raises:
@@ -408,10 +408,10 @@ GEOMETRY: Final = Kind[Geometry, GeometryRequest](
     message=Geometry,
     request=GeometryRequest,
     options=GeometryRequest,
-    compute=compute,
-    report=report,
+    prepare_work=_prepare_work,
+    make_report=_make_report,
     sources=("readings",),
-    charts=charts,
+    make_charts=make_charts,
     files=(
         File(
             name="axes.csv",

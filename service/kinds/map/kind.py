@@ -58,7 +58,7 @@ _EXAMPLES: Final[dict[str, Any]] = {
 }
 
 
-def _compute(inputs: Inputs, request: MapRequest) -> Work:
+def _prepare_work(inputs: Inputs, request: MapRequest) -> Work:
     """Return the work of a map, which is computed later; numerical modules are imported here."""
     from jointstiff.service.kinds.map.work import prepare_map
 
@@ -79,7 +79,7 @@ _REASONS: Final[Mapping[PlaceStatus, str]] = {
 }
 
 
-def _report(job: Map, result: MapResult, _view: View) -> Report:
+def _make_report(job: Map, result: MapResult, _view: View) -> Report:
     """Return counts of places without posture, quantiles of the deflection, and worst and stiffest place."""
     counts = result.counts
     without_posture = ", ".join(
@@ -129,7 +129,7 @@ def _extremes_table(
     )
 
 
-def charts(result: MapResult) -> list[Chart]:
+def make_charts(result: MapResult) -> list[Chart]:
     """Return a chart of the quantiles of the deflection over the places; none if no place is reached."""
     names = [f"{percent} %" for percent in result.percentiles]
     series = {"deflection": [*result.percentiles.values()]}
@@ -163,10 +163,10 @@ MAP: Final = Kind[Map, MapRequest](
     message=Map,
     request=MapRequest,
     options=MapOptions,
-    compute=_compute,
-    report=_report,
+    prepare_work=_prepare_work,
+    make_report=_make_report,
     sources=("run",),
-    charts=charts,
+    make_charts=make_charts,
     make_area_map=make_area_map,
     title="Map of a work area",
     stepped=True,

@@ -39,7 +39,7 @@ _CRITERIA = {
 }
 
 
-def report(job: Plan, result: PlanResult, view: View) -> Report:
+def _make_report(job: Plan, result: PlanResult, view: View) -> Report:
     """Return the joints' predicted uncertainties, the list of readings, and lines on the plan's quality."""
     struck_out = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in result.struck_out.items())
     # A certificate is a proved lower bound of the list's efficiency.
@@ -285,7 +285,7 @@ def make_campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> di
     }
 
 
-def charts(result: PlanResult) -> list[Chart]:
+def make_charts(result: PlanResult) -> list[Chart]:
     """Return a chart of each joint's standard uncertainty: after this plan, after random plans, and now."""
     joints, known = result.joints, all(joint.relative is not None for joint in result.joints)
     # Without the compliance of every joint, uncertainties of compliances are drawn, not relative ones.
@@ -319,7 +319,7 @@ _EXAMPLES: Final[dict[str, Any]] = {
 }
 
 
-def compute(inputs: Inputs, request: PlanRequest) -> Work:
+def _prepare_work(inputs: Inputs, request: PlanRequest) -> Work:
     """Return the work of a plan, which is computed later; numerical modules are imported here."""
     from jointstiff.service.kinds.plan.work import prepare_plan
 
@@ -330,10 +330,10 @@ PLAN: Final = Kind[Plan, PlanRequest](
     message=Plan,
     request=PlanRequest,
     options=PlanOptions,
-    compute=compute,
-    report=report,
+    prepare_work=_prepare_work,
+    make_report=_make_report,
     sources=("robot_or_set",),
-    charts=charts,
+    make_charts=make_charts,
     title="Plan of a campaign",
     max_bytes=READINGS_BYTES,
     examples=_EXAMPLES,

@@ -48,7 +48,7 @@ _EXAMPLES: Final[dict[str, Any]] = {
 }
 
 
-def _compute(inputs: Inputs, request: ProgramRequest) -> Work:
+def _prepare_work(inputs: Inputs, request: ProgramRequest) -> Work:
     """Return the work of a program, which is computed later; numerical modules are imported here."""
     from jointstiff.service.kinds.program.work import prepare_compensation
 
@@ -76,7 +76,7 @@ _REASONS = {
 }
 
 
-def _report(_job: Program, result: ProgramResult, _view: View) -> Report:
+def _make_report(_job: Program, result: ProgramResult, _view: View) -> Report:
     """Return the report: counts of corrected targets, quantiles of distances, worst points, remarks."""
     left = ", ".join(f"{count} {_REASONS[reason]}" for reason, count in result.left_alone.items())
     capped = f"; {result.capped} corrections reduced by the limits" if result.capped else ""
@@ -129,7 +129,7 @@ def _worst_table(result: ProgramResult) -> Table:
     )
 
 
-def charts(result: ProgramResult) -> list[Chart]:
+def make_charts(result: ProgramResult) -> list[Chart]:
     """Return a chart of the worst points: distance from the target, with and without correction."""
     points = result.worst
     series = {
@@ -146,10 +146,10 @@ PROGRAM: Final = Kind[Program, ProgramRequest](
     message=Program,
     request=ProgramRequest,
     options=ProgramOptions,
-    compute=_compute,
-    report=_report,
+    prepare_work=_prepare_work,
+    make_report=_make_report,
     sources=("run", "files"),
-    charts=charts,
+    make_charts=make_charts,
     title="Compensated program",
     stepped=True,
     max_bytes=16 * 1024 * 1024,

@@ -55,7 +55,7 @@ _GRADES: Final = {0.05: "well determined", 0.2: "determined"}
 """Words for a good joint, by the greatest half width of the interval relative to the stiffness."""
 
 
-def report(job: Run, result: RunResult, view: View) -> Report:
+def _make_report(job: Run, result: RunResult, view: View) -> Report:
     """Return the report: joints, summary of the fit, and advice; `view.details` adds the evidence."""
     parts: list[Part] = [
         _joints_table(job, result, view.unit),
@@ -567,7 +567,7 @@ def mean_and_deviation(joint: ResampledJoint, unit: StiffnessUnit) -> tuple[floa
     return mean, deviation
 
 
-def charts(result: RunResult) -> list[Chart]:
+def make_charts(result: RunResult) -> list[Chart]:
     """Return charts: stiffnesses, the joints' shares of the deflection, measured and residual deflection."""
     drawn: list[Chart] = []
     for kind, factor, unit in (("revolute", 1e-6, "10⁶ N·m/rad"), ("prismatic", 1e-6, "N/µm")):
@@ -628,7 +628,7 @@ _EXAMPLES: Final[dict[str, Any]] = {
 }
 
 
-def compute(inputs: Inputs, request: RunRequest) -> Work:
+def _prepare_work(inputs: Inputs, request: RunRequest) -> Work:
     """Return the work of a run, which is computed later; numerical modules are imported here."""
     from jointstiff.service.kinds.run.work import prepare_identification
 
@@ -639,14 +639,14 @@ RUN: Final = Kind[Run, RunRequest](
     message=Run,
     request=RunRequest,
     options=RunOptions,
-    compute=compute,
-    report=report,
+    prepare_work=_prepare_work,
+    make_report=_make_report,
     sources=("measurement_set",),
     title="Joint stiffness",
     stepped=True,
     has_report=False,
     examples=_EXAMPLES,
-    charts=charts,
+    make_charts=make_charts,
     files=(
         File(
             name="joints.csv",

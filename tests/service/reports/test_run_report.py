@@ -29,7 +29,7 @@ from jointstiff.schemas.report import Laboratory, Party
 from jointstiff.schemas.run import Campaign, JointResult, Run
 from jointstiff.service import reports as service_reports
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.kinds.map.kind import area
+from jointstiff.service.kinds.map.kind import make_area_map
 from jointstiff.service.reports.certificate import NAMESPACES, build_certificate
 from jointstiff.service.reports.exports import ExportedModel, write_joints_csv
 from jointstiff.service.reports.laboratory import LaboratorySettings
@@ -627,7 +627,7 @@ def test_the_slice_of_a_map_lies_across_its_thinnest_axis_where_most_bends(sizes
     places = np.stack(np.meshgrid(*map(np.arange, sizes), indexing="ij"), axis=-1).reshape(-1, 3)
     bends = [2e-3, *[1e-3] * (len(places) - 2), None]
     columns = {f"{axis} [m]": places[:, k].tolist() for k, axis in enumerate("xyz")}
-    drawn = area(Sheet(columns | {"deflection [m]": bends}))
+    drawn = make_area_map(Sheet(columns | {"deflection [m]": bends}))
     k = "xyz".index(across)
     assert drawn.title == f"Deflection at {across} = 0 mm"
     assert len(drawn.values) == (places[:, k] == 0).sum()
