@@ -170,7 +170,7 @@ class TestTwoCampaigns:
                         "configurations_differ",
                         None,
                         "1 observations have the same label but different postures or loads, or no common "
-                        "target; first 'c05'",
+                        "target; the first of these observations is 'c05'",
                     ),
                     (
                         "residuals_exceed_sigma",
