@@ -62,8 +62,8 @@ class FleetWork(Work):
         self._blocks = cut_into_spans(len(self._sets), size)
         self.input_hash = hash_texts(*(each.content for each in self._sets), run.model_dump_json())
         # A request without ids means all robots at this moment: the stored request lists the ids.
-        found = [each.id for each in self._sets]
-        self.details = {"request": request.model_copy(update={"measurement_set_ids": found})}
+        set_ids = [each.id for each in self._sets]
+        self.details = {"request": request.model_copy(update={"measurement_set_ids": set_ids})}
 
     def steps(self) -> tuple[Span, ...]:
         """Return a step for each block of sets; no steps if one block has all sets, whose runs are quick."""

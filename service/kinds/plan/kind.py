@@ -287,18 +287,20 @@ def make_campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> di
 
 def make_charts(result: PlanResult) -> list[Chart]:
     """Return a chart of each joint's standard uncertainty: after this plan, after random plans, and now."""
-    joints, known = result.joints, all(joint.relative is not None for joint in result.joints)
+    joints, all_known = result.joints, all(joint.relative is not None for joint in result.joints)
     # Without the compliance of every joint, uncertainties of compliances are drawn, not relative ones.
-    plotted_value = _relative_uncertainty if known else lambda _, uncertainty: uncertainty
+    plotted_value = _relative_uncertainty if all_known else lambda _, uncertainty: uncertainty
     series = {
         "this plan": [plotted_value(joint, joint.standard_uncertainty) for joint in joints],
         "random plans": [plotted_value(joint, joint.random) for joint in joints],
         "now": [plotted_value(joint, joint.before) for joint in joints],
     }
-    drawn = {name: values for name, values in series.items() if any(each is not None for each in values)}
-    quantity, factor, unit = ("stiffness", 1e2, "%") if known else ("compliance", 1e9, "10⁻⁹ rad/(N·m)")
+    known_series = {
+        name: values for name, values in series.items() if any(each is not None for each in values)
+    }
+    quantity, factor, unit = ("stiffness", 1e2, "%") if all_known else ("compliance", 1e9, "10⁻⁹ rad/(N·m)")
     title, names = f"Standard uncertainty of each {quantity}", [joint.name for joint in joints]
-    return [Chart(title, names, drawn, factor, unit, "joints", logarithmic=True)]
+    return [Chart(title, names, known_series, factor, unit, "joints", logarithmic=True)]
 
 
 _EXAMPLES: Final[dict[str, Any]] = {

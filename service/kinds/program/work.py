@@ -82,8 +82,8 @@ _SINGULAR_TURN: Final = 0.05
 """Turn of a joint by a correction [rad] that indicates a singularity: usual turns are a few milliradians."""
 _TOLERANCE: Final = 1e-4
 """Angle by which a joint's limit may be exceeded [rad]."""
-_POSTURE: Final = (*(f"place {axis} [m]" for axis in "xyz"), *(f"J{j} [deg]" for j in range(1, 7)))
-_LOADED: Final = (
+_POSTURE_COLUMNS: Final = (*(f"place {axis} [m]" for axis in "xyz"), *(f"J{j} [deg]" for j in range(1, 7)))
+_LOADED_COLUMNS: Final = (
     *(f"deflection {axis} [mm]" for axis in "xyz"),
     "deflection [mm]",
     "deflection rotation [mrad]",
@@ -184,7 +184,7 @@ class WrittenPoints:
         )
 
     def _loaded_columns(self, block: slice) -> FloatArray:
-        """Return the numbers (b, 22) in the columns `_LOADED` for a block of b points under load."""
+        """Return the numbers (b, 22) in the columns `_LOADED_COLUMNS` for a block of b points under load."""
         corrections = self.corrections
         return np.column_stack(
             [
@@ -199,13 +199,18 @@ class WrittenPoints:
         )
 
     def pack_table(self) -> bytes:
-        """Return a table of all points, in the order of the path, as bytes that `points_sheet` reads."""
+        """Return a table of all points, in the order of the path, as bytes that `points_sheet` reads.
+
+        Points without load have NaN in the columns `_LOADED_COLUMNS`.
+        """
         corrections, path = self.corrections, self.path
-        numbers = np.full((len(_POSTURE) + len(_LOADED), len(path.targets)), np.nan, dtype=np.float32)
-        numbers[:3], numbers[3 : len(_POSTURE)] = self.place.T, np.degrees(self.arm).T
+        numbers = np.full(
+            (len(_POSTURE_COLUMNS) + len(_LOADED_COLUMNS), len(path.targets)), np.nan, dtype=np.float32
+        )
+        numbers[:3], numbers[3 : len(_POSTURE_COLUMNS)] = self.place.T, np.degrees(self.arm).T
         for start in range(0, len(corrections.points), BLOCK):
             block = slice(start, start + BLOCK)
-            numbers[len(_POSTURE) :, corrections.points[block]] = self._loaded_columns(block).T
+            numbers[len(_POSTURE_COLUMNS) :, corrections.points[block]] = self._loaded_columns(block).T
         remark = np.full(len(path.targets), _REMARKS.index("no load"), dtype=np.uint8)
         remark[corrections.points] = _REMARKS.index("")
         remark[corrections.points[corrections.capped]] = _REMARKS.index("capped")
@@ -213,7 +218,10 @@ class WrittenPoints:
         targets = path.program.targets
         names = "\n".join([targets.names[i] for i in path.targets.tolist()]).encode("latin-1")
         files = np.array([source.name for source in path.program.sources])
-        places = targets.source[path.targets].astype(np.uint8), targets.line[path.targets].astype(np.int32)
+        source, line = (
+            targets.source[path.targets].astype(np.uint8),
+            targets.line[path.targets].astype(np.int32),
+        )
         content = io.BytesIO()
         # Neighbouring points differ little: stored as differences of their bits, first bytes together, then
         # second bytes and so on, a column is compressed to a third.
@@ -221,7 +229,7 @@ class WrittenPoints:
         byte_planes = (np.ascontiguousarray(each.view(np.uint8).reshape(-1, 4).T) for each in differences)
         for plane in byte_planes:
             np.save(content, plane, allow_pickle=False)
-        for array in (remark, *places, files, np.frombuffer(names, dtype=np.uint8)):
+        for array in (remark, source, line, files, np.frombuffer(names, dtype=np.uint8)):
             np.save(content, array, allow_pickle=False)
         return content.getvalue()
 
@@ -230,7 +238,7 @@ def points_sheet(content: bytes) -> Sheet:
     """Return the table of points from bytes of `WrittenPoints.pack_table`; NaN for an empty cell."""
     stored = io.BytesIO(content)
     numbers = dict[str, FloatArray]()
-    for name in _POSTURE + _LOADED:
+    for name in _POSTURE_COLUMNS + _LOADED_COLUMNS:
         differences = np.ascontiguousarray(np.load(stored, allow_pickle=False).T).view(np.uint32)
         numbers[name] = np.cumsum(differences, dtype=np.uint32).view(np.float32)
     remark, source, line, files, names = (np.load(stored, allow_pickle=False) for _ in range(5))

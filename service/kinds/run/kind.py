@@ -43,14 +43,14 @@ if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work
     from jointstiff.service.resources.inputs import Inputs
 
-_WORDS: Final = {
+_VERDICT_CELLS: Final = {
     "uncertain": Line("uncertain", "care"),
     "at_bound": Line("at bound", "care"),
     "not_observable": Line("not observable", "dim"),
     "use_with_care": Line("use with care", "care"),
     "do_not_use": Line("do not use", "bad"),
 }
-"""Words for the status of a joint or, for an identified joint, for the verdict."""
+"""Cell in the column of verdicts, by status of the joint or, for an identified joint, by verdict."""
 _GRADES: Final = {0.05: "well determined", 0.2: "determined"}
 """Words for a good joint, by the greatest half width of the interval relative to the stiffness."""
 
@@ -84,14 +84,14 @@ def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
     if request.weight is not None:
         method = "by the robot's own weight"
     cells = [unit.cells(joint) for joint in joints]
-    prior = [_prior_cell(joint, known=joint.name in request.priors) for joint in joints]
+    prior_cells = [_prior_cell(joint, has_prior=joint.name in request.priors) for joint in joints]
     return Table(
         [
             Column("joint", [joint.name for joint in joints], text=True),
             Column(unit.quantity, [value for value, _, _ in cells]),
             Column("std. uncertainty", [uncertainty for _, uncertainty, _ in cells]),
             Column(f"{100 * request.confidence:g} % interval", [interval for _, _, interval in cells]),
-            *([Column("prior/data", prior)] if request.priors else []),
+            *([Column("prior/data", prior_cells)] if request.priors else []),
             Column("verdict", joints, _verdict_cell, text=True),
         ],
         title=f"Joint {unit.quantity}, {method}, {constraint}",
@@ -151,7 +151,7 @@ def _weight_lines(weight: WeightResult) -> Iterator[Line]:
 def _verdict_cell(joint: JointResult) -> Line:
     """Return a joint's cell in the column of verdicts: how well it is determined, or why not to use it."""
     if joint.status != "identified" or joint.verdict != "use":
-        return _WORDS[joint.verdict if joint.status == "identified" else joint.status]
+        return _VERDICT_CELLS[joint.verdict if joint.status == "identified" else joint.status]
     low, high = joint.stiffness_interval or (None, None)
     if low is None or high is None or not joint.stiffness:
         return Line("no interval", "care")
@@ -160,14 +160,14 @@ def _verdict_cell(joint: JointResult) -> Line:
     return Line(grades[0] if grades else "roughly known", "good")
 
 
-def _prior_cell(joint: JointResult, *, known: bool) -> str:
-    """Format the ratio of information on a joint from its prior to information from the readings.
+def _prior_cell(joint: JointResult, *, has_prior: bool) -> str:
+    """Format the ratio of the information on a joint from the prior to that from the readings.
 
-    `known` is true if the joint has a prior.
+    Without readings of the joint, the cell says "prior only"; without a prior, it is a dash.
     """
     if joint.prior_to_data is not None:
         return f"{joint.prior_to_data:.2g}"
-    return "prior only" if known and joint.status != "not_observable" else "—"
+    return "prior only" if has_prior and joint.status != "not_observable" else "—"
 
 
 def _fit_summary(result: RunResult) -> Line:
@@ -227,7 +227,7 @@ def _predicted_gain_text(run: Run, advice: Advice, joint: JointResult) -> str:
     return f": u {percent:.2g} % → {ratio * percent:.2g} %"
 
 
-_SIGMA = {
+_SIGMA_TESTS = {
     "consistent": "consistent with sigma",
     "residuals_too_large": "residuals larger than sigma predicts",
     "residuals_too_small": "residuals smaller than sigma predicts",
@@ -265,14 +265,14 @@ def _goodness_lines(result: RunResult) -> Iterator[str]:
     goodness = result.goodness
     if goodness.sigma_source == "given" and goodness.degrees_of_freedom > 0:
         ratio = goodness.chi_square / goodness.degrees_of_freedom
-        verdict = f": {_SIGMA[goodness.test]}" if goodness.test else ""
+        verdict = f": {_SIGMA_TESTS[goodness.test]}" if goodness.test else ""
         yield (
             f"χ²/dof {ratio:.2f}{verdict} (1 if model and sigma are right; "
             f"{goodness.degrees_of_freedom:.4g} degrees of freedom)"
         )
 
 
-_SOURCES = {
+_UNCERTAINTY_SOURCES = {
     "readings": "readings",
     "force_scale": "scale of the force",
     "force_direction": "direction of the force",
@@ -299,7 +299,7 @@ def _budget_lines(result: RunResult) -> Iterator[str]:
             # If least and greatest share have the same text, the set has one member, and one number is shown.
             ends = sorted({f"{min(shares):.2g}", f"{max(shares):.2g}"}, key=float)
             excluded = "" if part.included else ", not in the intervals"
-            source = _SOURCES.get(part.source, part.source)
+            source = _UNCERTAINTY_SOURCES.get(part.source, part.source)
             yield (
                 f"uncertainty from {source} (type {part.evaluation}{excluded}): "
                 f"{' to '.join(ends)} % of a compliance"
@@ -354,7 +354,7 @@ _MODEL_NAMES = {
 }
 _NO_COMPLIANCE: Final = 1e-9
 """Share of the greatest principal compliance, below which a compliance is rounding error, shown as 0."""
-_CHOSEN = {"given": "given", "cross_validation": "by cross-validation"}
+_CHOICE_SOURCES = {"given": "given", "cross_validation": "by cross-validation"}
 
 
 def _choice_lines(choice: ModelChoice, links: LinksResult | None, *, details: bool) -> list[Part]:
@@ -385,8 +385,9 @@ def links_report(links: LinksResult, choice: ModelChoice) -> list[Part]:
         parts.append(choice_table(choice))
     lines = (
         (
-            f"{_MODEL_NAMES[choice.elasticity]} ({_CHOSEN[choice.source]}), loss {choice.loss} "
-            f"({_CHOSEN[links.loss_source]}), penalty {links.penalty:.3g} ({_CHOSEN[links.penalty_source]})"
+            f"{_MODEL_NAMES[choice.elasticity]} ({_CHOICE_SOURCES[choice.source]}), loss {choice.loss} "
+            f"({_CHOICE_SOURCES[links.loss_source]}), penalty {links.penalty:.3g} "
+            f"({_CHOICE_SOURCES[links.penalty_source]})"
         ),
         f"the readings determine {links.effective_freedom:.1f} of {links.parameters} parameters",
         f"certified: within {certificate.gap:.1e} sigma {of_optimum}; no negative eigenvalue",
