@@ -440,7 +440,7 @@ class Client(Verbs):
         """Send a request once; return the answer. `request` has arguments of `httpx2.Client.request`.
 
         Raises:
-            AwayError: the service does not answer, or is not available now.
+            AwayError: the service does not answer, or answers that it is not available (503).
             RefusedError: the service refuses, or the answer cannot be decoded.
         """
         try:
@@ -453,8 +453,8 @@ class Client(Verbs):
             raise AwayError(_no_answer_problem(self._http.base_url, error)) from error
         self._answered = True
         if not response.is_success:
-            away = response.status_code == httpx2.codes.SERVICE_UNAVAILABLE
-            raise (AwayError if away else RefusedError)(parse_problem(response))
+            is_away = response.status_code == httpx2.codes.SERVICE_UNAVAILABLE
+            raise (AwayError if is_away else RefusedError)(parse_problem(response))
         return response
 
 

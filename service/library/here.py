@@ -363,9 +363,10 @@ def import_files(
     """Import files of readings, as the command `jointstiff import` does.
 
     Args:
-        files: tables, lists of points, and a table of masses, text or Excel.
-        robot: measured robot, as in a campaign, or its file. With a robot, the answer has the findings of the
-            integrity checks, and unloaded positions of a robot with masses make a set for its own weight.
+        files: tables of readings, lists of points, or a table of masses; text or Excel.
+        robot: measured robot: a document, as in a campaign, or a file. With a robot, the answer has the
+            findings of the integrity checks; unloaded positions of a robot with masses become a set that is
+            identified by the robot's own weight.
         options: fields of `ImportRequest`, such as `columns={"A1": "J1 [deg]"}`.
 
     Returns:
@@ -381,15 +382,15 @@ def import_files(
 
     request = parse_document(options, ImportRequest)
     sources = [SourceFile(Path(file).name, Path(file).read_bytes()) for file in files]
-    measured = None
+    robot_model = None
     if robot is not None:
         if isinstance(robot, str | PathLike):
             robot = read_robot(str(robot))
         elif not isinstance(robot, RobotDocument):
             robot = parse_document(robot, RobotDocument)
         with as_campaign_error("robot"):
-            measured = prepare_robot(robot).robot
+            robot_model = prepare_robot(robot).robot
     try:
-        return imports.import_files(sources, request, measured)
+        return imports.import_files(sources, request, robot_model)
     except FilesError as error:
         raise CampaignError(problem_from_error(error)) from error

@@ -55,7 +55,7 @@ def identify_many(
             next run takes longer than others.
         options: options of every run; `fields` replace single options. Default: the options of each campaign.
         executor: computes whole campaigns, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
-            client's `get_executor()`; the numbers have the same bits.
+            client's `get_executor()`; all numbers are the same to the last bit.
         on_progress: called with the number of identified campaigns; default: a bar in a terminal or a
             notebook, if the work takes more than 2 s. For an iterator, the total is the number of campaigns
             read so far.

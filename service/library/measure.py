@@ -571,14 +571,15 @@ def measure(
     """Begin a live measurement: a campaign that is measured until a declared goal is reached.
 
     Args:
-        robot: to begin with a robot: a document, a file, or the name of an arm of the catalogue, with `load`
-            and `targets`. Or a campaign, its file or a run: its robot, loads, targets, noise and load point
-            are taken, its readings are not.
-        goal: "15 %" of every joint that the load twists; "6 um" of the deflection in the work area; "below
-            0.5 mm", a decision about it; or a goal as in the API.
+        robot: a robot (a document, a file, or the name of an arm of the catalogue), with the options `load`
+            and `targets`. Or a campaign, its file or a run, from which robot, loads, targets, noise and load
+            point are taken, but no readings.
+        goal: uncertainty "15 %" of every joint that the load twists; uncertainty "6 um" of the deflection in
+            the work area; "below 0.5 mm" to decide whether the deflection is below this limit; or a goal as
+            in the API.
         source: `simulated:SEED`, `lines:/dev/ttyUSB0`, `lines:tcp://host:port`, `lines:udp://:port`,
-            `robodk`, another one by the entry points `jointstiff.sources`, or an object with ``async def
-            point(name)``. Without one, readings come by `observe`.
+            `robodk`, the name of an entry point in the group `jointstiff.sources`, or an object with
+            ``async def point(name)``. Without a source, add readings with `observe`.
         force: (3,) force in the work area, axes of R0 [N]; default: the force of the load.
         timeout: seconds after which a source that sends nothing has stopped.
         client: client of the service that keeps the measurement set; default: this process keeps the set.
@@ -589,7 +590,7 @@ def measure(
             "dead_weight:1500".
 
     Raises:
-        CampaignError: robot, goal or an option cannot be used; its `problem` says what, where and what to do.
+        CampaignError: robot, goal or an option cannot be used; the error's `problem` has reason and remedy.
         RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """

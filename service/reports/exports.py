@@ -93,8 +93,9 @@ class ExportedModel:
             )
         if self.result.links is not None:
             yield (
-                "The run found that links or a coupling of joints bend, too. They are not in this file: each "
-                "stiffness is that of the joint together with its link's motion about or along its axis."
+                "The run found that links or a coupling of joints bend, too. This file does not contain them: "
+                "each stiffness is that of a joint together with the motion of its link about or along the "
+                "axis of the joint."
             )
 
     def describe_joint(self, joint: JointResult) -> str:

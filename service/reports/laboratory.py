@@ -123,6 +123,7 @@ def _refuse_undisplayable_logo(logo: Logo, name: str) -> None:
         import typst
     except ImportError:
         return
+    # A document with nothing but the logo.
     source = f'#image(bytes(json(bytes(sys.inputs.logo))), format: "{logo.kind}")'
     try:
         with TemporaryDirectory(prefix="jointstiff-report-") as empty:

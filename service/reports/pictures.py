@@ -193,11 +193,11 @@ def draw_arm(robot: Robot, joints: Sequence[float]) -> Picture | None:
     reach = float(np.ptp(points, axis=0).max())
     if not reach > 0.0:
         return None
-    axes = np.vstack([np.zeros(3), 0.25 * reach * np.eye(3)])
+    axes = np.vstack([np.zeros(3), 0.25 * reach * np.eye(3)])  # origin and ends of the axes of R0
     arm, base_axes = _project(points), _project(axes)
     all_points = np.vstack([arm, base_axes])
     low, size = all_points.min(axis=0), np.ptp(all_points, axis=0)
-    scale = min(200.0 / size[0], 170.0 / size[1])
+    scale = min(200.0 / size[0], 170.0 / size[1])  # the picture fills 200 × 170 points at most
     drawing = Drawing(260, 200, "The arm in the posture of the first observation")
 
     def to_drawing(point: FloatArray) -> tuple[float, float]:
@@ -213,14 +213,14 @@ def draw_arm(robot: Robot, joints: Sequence[float]) -> Picture | None:
     for number, point in enumerate(arm[1:-1], 1):
         drawing.dot(*to_drawing(point))
         x, y = to_drawing(point)
-        near = next(
+        label_nearby = next(
             (i for i, each in enumerate(labels) if hypot(x - each[0], y - each[1]) < _LABEL_DISTANCE), None
         )
-        if near is None:
+        if label_nearby is None:
             labels.append((x, y, str(number)))
         else:
-            label_x, label_y, text = labels[near]
-            labels[near] = (label_x, label_y, f"{text}, {number}")
+            label_x, label_y, text = labels[label_nearby]
+            labels[label_nearby] = (label_x, label_y, f"{text}, {number}")
     for x, y, text in labels:
         drawing.text(x + 4, y - 3, text, 7.0)
     return Picture(

@@ -475,11 +475,14 @@ def _build_adjustment_section(model: ExportedModel) -> Section:
     """Return the section with the mean deflection, as measured and after compensation with the model."""
     residuals, facts = model.result.residuals, []
     if residuals:
-        before = 1e3 * fmean(float(np.linalg.norm(each.deflection)) for each in residuals)
-        after = 1e3 * fmean(float(np.linalg.norm(each.residual)) for each in residuals)
+        measured_mm = 1e3 * fmean(float(np.linalg.norm(each.deflection)) for each in residuals)
+        compensated_mm = 1e3 * fmean(float(np.linalg.norm(each.residual)) for each in residuals)
         facts = [
-            ("Mean deflection, before: as measured", f"{format_rounded(before)} mm"),
-            ("Mean deflection, after compensation by the model, computed", f"{format_rounded(after)} mm"),
+            ("Mean deflection, before: as measured", f"{format_rounded(measured_mm)} mm"),
+            (
+                "Mean deflection, after compensation by the model, computed",
+                f"{format_rounded(compensated_mm)} mm",
+            ),
             ("Share that the model compensates", format_percent(model.result.compensation)),
         ]
     return Section(

@@ -46,24 +46,24 @@ def compare(
 
     Args:
         door: `Here` or a `Client`, which has this function as a method and does the work.
-        first: campaign or run; if there is a second, such as with the motors' encoders in the loop, or before
-            a change.
-        second: campaign or run such as with secondary encoders in the loop, or after a change; if absent,
-            the methods are compared on the first.
-        options: a `CampaignComparison`; fields by name replace its own.
+        first: campaign or run, such as with the motors' encoders in the position loop, or before a repair.
+        second: campaign or run to compare with the first, such as with secondary encoders in the position
+            loop, or after a repair; without a second, methods are compared on the first.
+        options: a `CampaignComparison`; keyword arguments replace options of the same name.
         on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
             notebook, if it takes more than 2 s.
         cancel: called between steps, such as `threading.Event().is_set`; if true, the job ends as
             `cancelled`.
         executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
-            client's `get_executor()`; the numbers have the same bits. Refused by a `Client`.
+            client's `get_executor()`; all numbers are the same to the last bit. A `Client` refuses an
+            executor.
         fields: fields of `CampaignComparison`.
 
     Returns:
         The Comparison, with its result in SI units. If the computation fails, its state is `failed`.
 
     Raises:
-        CampaignError: a source or an option cannot be used; the error's `problem` says why, and the remedy.
+        CampaignError: a source or an option cannot be used; the error's `problem` has reason and remedy.
         RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """

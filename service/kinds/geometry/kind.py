@@ -129,8 +129,8 @@ def _sweeps_table(sweeps: Sequence[SweepEvidence]) -> Table:
             Column("axial", [list(sweep.axial_rms.values()) for sweep in sweeps], micro),
         ],
         title="Sweeps, each fitted separately",
-        caption="residuals by target, root mean square in µm; scale: rotation of the joint over that of "
-        "the controller",
+        caption="residuals by target, root mean square in µm; scale: rotation of the joint divided by "
+        "the rotation that the controller shows",
     )
 
 

@@ -81,7 +81,7 @@ def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
         )
     if request.measurement_set_id is None:
         robot, content = inputs.robot(str(request.robot_id), "robot_id")
-        planned = PlanInput(robot, str(request.robot_id), content)
+        plan_input = PlanInput(robot, str(request.robot_id), content)
     else:
         prepared = inputs.measured(request.measurement_set_id, "measurement_set_id", request.leave_out)
         if request.load is None and not prepared.measurements.force.any():
@@ -92,23 +92,23 @@ def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
             causes = [cause.pair for cause in request.causes]
             readings = fit_causes(prepared.robot, prepared.measurements.require_loads(), causes)
             prepared = replace(prepared, measurements=readings)
-        planned = PlanInput(prepared.robot, prepared.robot_id, prepared.content, prepared)
+        plan_input = PlanInput(prepared.robot, prepared.robot_id, prepared.content, prepared)
     options = request.model_dump_json(exclude={"robot_id", "measurement_set_id"})
     return QuickWork(
-        result=partial(_compute_plan, planned, request),
-        input_hash=hash_texts(planned.content, options),
-        robot_id=planned.robot_id,
+        result=partial(_compute_plan, plan_input, request),
+        input_hash=hash_texts(plan_input.content, options),
+        robot_id=plan_input.robot_id,
     )
 
 
-def _compute_plan(planned: PlanInput, request: plans.PlanRequest) -> PlanResult:
+def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResult:
     """Identify the campaign so far, if the plan continues one, then plan readings, and return the plan.
 
     Raises:
         RequestError: the robot or the campaign lacks data that the plan needs, the verdict on the campaign so
             far is "do not use", or no plan satisfies the request.
     """
-    robot, prepared = planned.robot, planned.prepared
+    robot, prepared = plan_input.robot, plan_input.prepared
     # What the campaign so far tells; NaN and None where it is unknown.
     nominal, sigma, unexplained, assessment = np.full(robot.n, np.nan), None, None, None
     if prepared is not None and isinstance(request.load, OwnWeight):

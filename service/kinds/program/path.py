@@ -534,7 +534,7 @@ class StatedConfigurations:
         return np.where((numbers == np.round(numbers)) & (np.abs(numbers) < _MOST), numbers, np.nan)
 
 
-_SAME: Final = 1e-6
+_EQUAL_POSTURES: Final = 1e-6
 """Greatest difference of joint angles with which two postures count as equal [rad]."""
 _REASONS: Final = {
     Unreached.OUT_OF_REACH: (
@@ -639,11 +639,11 @@ def find_path(
     apart = np.abs(difference - 2 * np.pi * np.round(difference / (2 * np.pi))).max(axis=1)
     reason = "moves reach this target in two different configurations of the arm"
     remedy = "use a separate target for each configuration"
-    _refuse_targets(program, visits.targets[apart > _SAME], reason, remedy)
-    load = visits.loads.of_visit[visits.first]
+    _refuse_targets(program, visits.targets[apart > _EQUAL_POSTURES], reason, remedy)
+    loads = visits.loads.values[visits.loads.of_visit[visits.first]]
     with as_request_errors("program"):
         wanted = joints[visits.first]
-        cases = _make_load_cases(options, frames, robot, visits.order, wanted, visits.loads.values[load])
+        cases = _make_load_cases(options, frames, robot, visits.order, wanted, loads)
     return ProgramPath(program, frames, stated, visits.order, cases)
 
 
@@ -746,7 +746,7 @@ def _make_load_cases(
     joints: FloatArray,
     loads: FloatArray,
 ) -> LoadCases:
-    """Return the load cases of m targets, with loads in R0 and points in the flange frame.
+    """Return the load cases of m targets, with loads along the axes of R0 and points in the flange frame.
 
     Args:
         options: options with the axes of the loads, and the point where the loads act.
@@ -757,18 +757,18 @@ def _make_load_cases(
         loads: (m, 6) force [N] and moment [N·m] along the axes of the options.
     """
     tool = frames.tool.select(targets)
-    place = tool[:, :3, 3].copy()
-    point = place
+    place = tool[:, :3, 3].copy()  # the tool's centre point
+    load_point = place
     if options.load_point is not None:
-        length = LENGTH[options.units.length]
-        refuse_far_point(options.load_point, "load_point", length=length)
-        point = np.tile(length * np.array(options.load_point), (len(targets), 1))
+        length_unit = LENGTH[options.units.length]
+        refuse_far_point(options.load_point, "load_point", length=length_unit)
+        load_point = np.tile(length_unit * np.array(options.load_point), (len(targets), 1))
     force, moment = loads[:, :3].copy(), loads[:, 3:].copy()
     if options.axes != "robot":
         if options.axes == "base":
             axes = frames.base.select(targets)[:, :3, :3]
         else:
-            flange = Postures(robot, robot.joint_map.model_angles(joints)).flange_rotation
-            axes = flange @ tool[:, :3, :3]
+            flange_rotation = Postures(robot, robot.joint_map.model_angles(joints)).flange_rotation
+            axes = flange_rotation @ tool[:, :3, :3]
         force, moment = np.einsum("bij,bj->bi", axes, force), np.einsum("bij,bj->bi", axes, moment)
-    return LoadCases(joints.copy(), force, moment, point.copy(), place)
+    return LoadCases(joints.copy(), force, moment, load_point.copy(), place)

@@ -307,7 +307,7 @@ def _budget_lines(result: RunResult) -> Iterator[str]:
 
 
 def _complementary_stiffness_lines(result: RunResult) -> Iterator[str]:
-    """Yield a line on the complementary stiffness K_c, the change of the load's torques with deflection."""
+    """Yield a line on the complementary stiffness K_c: how the load's torques change as the arm deflects."""
     k_c = result.complementary_stiffness
     if k_c is None:
         return

@@ -66,20 +66,21 @@ def identify(
     Args:
         door: `Here` or a `Client`, which has this function as a method and does the work.
         campaign: a file, a document that was read from JSON, a `Campaign`, or a run.
-        options: a `RunOptions`; fields by name replace its own.
+        options: a `RunOptions`; keyword arguments replace options of the same name.
         on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
             notebook, if it takes more than 2 s.
         cancel: called between steps, such as `threading.Event().is_set`; if true, the job ends as
             `cancelled`.
         executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
-            client's `get_executor()`; the numbers have the same bits. Refused by a `Client`.
+            client's `get_executor()`; all numbers are the same to the last bit. A `Client` refuses an
+            executor.
         fields: fields of `RunOptions`.
 
     Returns:
         The Run, with its result in SI units. If the computation fails, its state is `failed`.
 
     Raises:
-        CampaignError: a source or an option cannot be used; the error's `problem` says why, and the remedy.
+        CampaignError: a source or an option cannot be used; the error's `problem` has reason and remedy.
         RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """
