@@ -93,7 +93,7 @@ class ExportedModel:
             )
         if self.result.links is not None:
             yield (
-                "The run found that links or a coupling of joints bend, too. This file does not contain them: "
+                "The run found that links or a coupling of joints bend, too. This file omits them: "
                 "each stiffness is that of a joint together with the motion of its link about or along the "
                 "axis of the joint."
             )

@@ -150,9 +150,9 @@ def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:
             ),
             Column("remark", ["held equal" if joint.equal else "" for joint in joints], text=True),
         ],
-        title="Both in one problem, no joint softer on the second side",
-        caption=f"{unit.quantity} in {unit.label_of(joints)}, interval under all constraints; the order "
-        f"increases χ² by {ordered.chi_square_increase:.3g}",
+        title="Both sides identified together, no joint softer on the second side",
+        caption=f"{unit.quantity} in {unit.label_of(joints)}, interval under all constraints; the constraint "
+        f"that no joint is softer increases χ² by {ordered.chi_square_increase:.3g}",
     )
 
 

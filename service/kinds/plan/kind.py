@@ -43,12 +43,16 @@ def _make_report(job: Plan, result: PlanResult, view: View) -> Report:
     """Return the joints' predicted uncertainties, the list of readings, and lines on the plan's quality."""
     struck_out = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in result.struck_out.items())
     # A certificate is a proved lower bound of the list's efficiency.
-    certificate = "certified:" if result.efficiency >= _TIGHT else "certified, but the bound is not tight:"
+    certificate = (
+        "certified:"
+        if result.efficiency >= _TIGHT
+        else "certified, but the list is probably better than this bound:"
+    )
     lines = [
-        f"{certificate} at least {100 * result.efficiency:.1f} % of the best list's information "
-        f"({_CRITERIA[result.criterion]})",
+        f"{certificate} the list gives at least {100 * result.efficiency:.1f} % of the information of the "
+        f"best possible list (criterion: {_CRITERIA[result.criterion]})",
         f"{result.feasible} of {result.considered} readings were feasible"
-        + (f"; struck out: {struck_out}" if struck_out else ""),
+        + (f"; not feasible: {struck_out}" if struck_out else ""),
     ]
     if result.goal_share is not None:
         lines.append(

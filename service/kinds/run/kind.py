@@ -375,7 +375,7 @@ def links_report(links: LinksResult, choice: ModelChoice) -> list[Part]:
     """Return tables and lines on elastic links: shares, compliances, compared models, certificate."""
     certificate = links.certificate
     # With squared loss the gap is of all fitted readings together, otherwise of a residual's mean length.
-    of_optimum = "of the optimum" if choice.loss == "squared" else "of the optimum a target"
+    of_optimum = "of the optimum" if choice.loss == "squared" else "of the optimum, per target"
     parts: list[Part] = [_elements_table(links)]
     if links.links:
         parts.append(_links_table(links, choice.elasticity))
@@ -431,7 +431,8 @@ def _elements_table(links: LinksResult) -> Table:
             Column("greatest", [*greatest, None], format_percent),
         ],
         title="Share of the squared deflection",
-        caption="sum 100 %; what the run explains of the mean deflection is a share of lengths",
+        caption="overall shares sum to 100 %; they are shares of squared lengths, so that they differ from "
+        "the explained share of the mean deflection",
     )
 
 
@@ -497,8 +498,8 @@ def choice_table(choice: ModelChoice) -> Table:
             Column("", [_model_remarks(each, choice) for each in models], text=True),
         ],
         title="Compensation of held-out configurations",
-        caption="mean over the folds ± standard error; the simplest model within one standard error of the "
-        "best is marked, each with its loss of least residual",
+        caption="mean over the folds of the cross-validation, with its standard error; the last column marks "
+        "the best model, and the simplest model within one standard error, each with its best loss",
     )
 
 
@@ -544,7 +545,7 @@ def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit
         ],
         title=f"{resampling.repetitions} fits of {sample}",
         caption=f"{unit.quantity} in {unit.label_of(joints)}: mean and standard deviation of one fit; "
-        "compensation on all",
+        "compensation: explained share over all configurations",
     )
 
 

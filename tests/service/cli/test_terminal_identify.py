@@ -94,7 +94,8 @@ def test_resampled_fits_are_shown_in_the_unit_that_is_asked_for():
         "│ joint_1 │ 1110.3 │ 6.4 │ 0 % │ 0 % │ 0 % │",
         "│ joint_6 │ 24.1 │ 1.2 │ 0 % │ 0 % │ 0 % │",
         "│ compensation │ 98.6 % │ 0.0 % │ — │ — │ — │",
-        "stiffness in N·m/arcmin: mean and standard deviation of one fit; compensation on all",
+        "stiffness in N·m/arcmin: mean and standard deviation of one fit; compensation: explained share over "
+        "all configurations",
         "│ Resampling: size │ 8 │ │ Resampling: repetitions │ 200 │ │ Resampling: seed │ 0 │",
     )
 
