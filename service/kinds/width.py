@@ -96,7 +96,9 @@ class _Calls(Generic[_First, _Answer]):
             self.wait()
         free_places = min(IN_FLIGHT - self._running, most_waiting - len(self.waiting))
         for argument in islice(remaining, max(0, free_places)):
-            call = _call_executor(partial(self._executor.submit, _answer_or_error, self._function, argument))
+            call = _call_executor(
+                partial(self._executor.submit, _return_answer_or_error, self._function, argument)
+            )
             self.waiting.append(call)
             self._running += 1
             call.add_done_callback(self._ended.put)
@@ -120,8 +122,8 @@ class _Calls(Generic[_First, _Answer]):
         return self.waiting[0].done()
 
 
-def _answer_or_error(function: Callable[[_First], _Answer], argument: _First) -> _Outcome[_Answer]:
-    """Call a function, in another process; return (answer, None), or (None, error) if the function fails.
+def _return_answer_or_error(function: Callable[[_First], _Answer], argument: _First) -> _Outcome[_Answer]:
+    """Call a function in another process; return (answer, None), or (None, error) if the function fails.
 
     The error is returned, not raised, to distinguish errors of the function from errors of the executor.
     """

@@ -103,7 +103,7 @@ def cut_into_spans(count: int, size: int) -> tuple[Span, ...]:
 
 
 def concatenate_steps(parts: Iterable[Arrays]) -> dict[str, npt.NDArray[Any]]:
-    """Return arrays by name, each concatenated from all steps along axis 0; needs at least one step."""
+    """Return arrays by name, each concatenated along axis 0 from the arrays of all steps (one or more)."""
     steps = list(parts)
     return {name: np.concatenate([step[name] for step in steps]) for name in steps[0]}
 

@@ -30,7 +30,7 @@ from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.rooms import ROOMS, import_kind
 from jointstiff.service.kinds.verb import Cancel, JobMonitor, OnProgress, import_verb
 from jointstiff.service.library import results
-from jointstiff.service.library.campaigns import Campaign, options_of
+from jointstiff.service.library.campaigns import Campaign, extract_run_options
 from jointstiff.service.library.cases import AnyPostures, make_load_cases
 from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun, presented_class
 from jointstiff.service.library.verbs import Verbs
@@ -277,7 +277,7 @@ class Client(Verbs):
         """
         source = self._replace_foreign_run(source)
         if isinstance(source, Run):
-            return source.request.measurement_set_id, options_of(source)
+            return source.request.measurement_set_id, extract_run_options(source)
         campaign = read_campaign(source)
         return self.post(campaign, once=True).request.measurement_set_id, campaign.run
 
@@ -294,7 +294,7 @@ class Client(Verbs):
         """
         if not isinstance(source, TabledRun) or source.was_done_by(self):
             return source
-        return source.campaign.model_copy(update={"run": options_of(source)})
+        return source.campaign.model_copy(update={"run": extract_run_options(source)})
 
     def read_campaign(self, run: Run) -> Campaign:
         """Return the campaign of a stored run: robot and readings from the service, and the run's options."""
@@ -307,7 +307,7 @@ class Client(Verbs):
             for each, document in stored_and_document
         )
         return Campaign.model_validate(
-            {"robot": robot_fields, "measurement_set": set_fields, "run": options_of(run)}
+            {"robot": robot_fields, "measurement_set": set_fields, "run": extract_run_options(run)}
         )
 
     def run(

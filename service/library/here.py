@@ -19,7 +19,7 @@ from jointstiff.service.kinds.rooms import import_kind
 from jointstiff.service.kinds.verb import JobMonitor
 from jointstiff.service.kinds.work import QuickWork, carry_out, new_job
 from jointstiff.service.library import results
-from jointstiff.service.library.campaigns import options_of
+from jointstiff.service.library.campaigns import extract_run_options
 from jointstiff.service.library.cases import AnyPostures, make_load_cases
 from jointstiff.service.library.results import Prediction, TabledRun, presented_class
 from jointstiff.service.library.robots import prepare_once
@@ -104,7 +104,7 @@ class Here(Verbs):
             CampaignError: robot or readings cannot be used.
         """
         if isinstance(source, TabledRun):
-            return self.measured(source.campaign)[0], options_of(source)
+            return self.measured(source.campaign)[0], extract_run_options(source)
         self.campaign = campaign = read_campaign(source)
         with as_campaign_error(f"{place}robot"):
             robot = prepare_once(campaign.robot)
@@ -285,7 +285,7 @@ class Here(Verbs):
         """
         from jointstiff.service.runs.mending import find_advised_action, mend_campaign
 
-        campaign: messages.Campaign = run.campaign.model_copy(update={"run": options_of(run)})
+        campaign: messages.Campaign = run.campaign.model_copy(update={"run": extract_run_options(run)})
         with as_campaign_error(""):
             recommended = find_advised_action(cast("Any", run.result).assessment, action)
             campaign = mend_campaign(campaign, recommended)

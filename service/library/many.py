@@ -19,7 +19,7 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Campaign, Run, RunRequest
 from jointstiff.service.kinds.verb import Cancel, JobMonitor, OnProgress
 from jointstiff.service.kinds.width import CancelledWorkError, map_in_order
-from jointstiff.service.library.campaigns import options_of
+from jointstiff.service.library.campaigns import extract_run_options
 from jointstiff.service.library.here import Here, make_failed_run
 from jointstiff.service.library.results import TabledRun
 from jointstiff.service.problems import CampaignError, http_problem
@@ -161,7 +161,7 @@ def _make_task(number: int, source: Any, shared: _SharedOptions) -> _Task:  # no
     content: bytes | Campaign | Problem
     try:
         if isinstance(source, TabledRun):
-            content = source.campaign.model_copy(update={"run": options_of(source)})
+            content = source.campaign.model_copy(update={"run": extract_run_options(source)})
         elif isinstance(source, Campaign):
             content = source
         elif isinstance(source, Mapping):

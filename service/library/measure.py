@@ -73,7 +73,7 @@ class Person:
     """
 
     def confirms(self, profile: str) -> bool:  # noqa: ARG002 - subclasses use the argument
-        """Return whether a text, `profile`, describes correctly how the lines of a source are read."""
+        """Return whether the text `profile` describes correctly how the lines of a source are read."""
         return True
 
     def ready(self, following: PlannedReading, *, loaded: bool) -> Literal["read", "skip", "stop"]:  # noqa: ARG002
@@ -334,7 +334,7 @@ class LiveMeasurement:
         return self.state
 
     def withdraw(self, label: str, reason: str) -> LiveState:
-        """Withdraw a reading for a stated reason: the estimate ignores it, the record still shows it."""
+        """Withdraw a reading for a stated reason: the estimate ignores the reading, the record shows it."""
         return self._send_change({"withdrawn": {label: reason}})
 
     def keep(self, label: str) -> LiveState:
@@ -416,7 +416,7 @@ class LiveMeasurement:
         }
 
     def _make_source_setting(self) -> Setting:
-        """Return what a source needs: robot, targets, load point [m], sigma [m], and the frame in R0."""
+        """Return the setting of a source: robot, targets, load point [m], sigma [m], and the frame in R0."""
         post, options = self._post, self._options
         length_unit = self._scales.length
         targets, load_point = options.targets, options.load_point or (0.0, 0.0, 0.0)
@@ -429,7 +429,7 @@ class LiveMeasurement:
         return Setting(self._robot, targets, load_point, sigma, frame)
 
     def _open_source(self) -> None:
-        """Open the source in a thread of its own, unless it is open.
+        """Open the source in a thread of its own, unless the source is open.
 
         Raises:
             RequestError: the campaign has no source, or the source cannot give its readings.
@@ -491,7 +491,7 @@ class LiveMeasurement:
             planned = planned.model_copy(update={"label": label})
 
     def _review_earlier_readings(self, person: Person) -> None:
-        """Ask the person about earlier readings that later ones have made doubtful; withdraw or keep each."""
+        """Let the person withdraw or keep each earlier reading that later readings made doubtful."""
         readings = self.state.readings
         withdrew_before = any(each.reason == _SHOWN_BY_LATER_READINGS for each in readings)
         for earlier in readings[:-1]:
@@ -503,10 +503,10 @@ class LiveMeasurement:
                     self.withdraw(earlier.label, _SHOWN_BY_LATER_READINGS)
 
     def _read_once(self, planned: PlannedReading, person: Person) -> Literal["read", "skip", "stop"]:
-        """Read a posture without and with load, and add the reading.
+        """Read the targets in a posture without load and under load, and add the reading.
 
-        Return `read`, or the person's decision to skip the posture or to stop. With the robot's own weight as
-        load, read the posture once.
+        Return `read`, or the person's decision to skip the posture or to stop. If the robot's own weight is
+        the load, read the targets only once.
         """
         loop, checked = cast("_SourceThread", self._loop), cast("CheckedSource", self._checked)
         positions: list[dict[str, Point]] = []
@@ -624,7 +624,7 @@ def _parse_options(options: Mapping[str, Any], goal: Goal) -> dict[str, Any]:
 
 
 def _robot_and_campaign(source: Any) -> tuple[RobotDocument, Campaign | None]:  # noqa: ANN401 - robot, campaign or run
-    """Return the robot of a source, and the campaign if the source is a campaign or a run; else None."""
+    """Return (robot, campaign) of a source; the campaign is None if the source is only a robot."""
     from jointstiff.schemas import run as messages
     from jointstiff.service.library import robots
     from jointstiff.service.library.results import TabledRun

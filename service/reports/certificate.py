@@ -252,7 +252,7 @@ def _qualified_name(tag: str) -> str:
 
 
 def _append(parent: Element, *tags: str) -> Element:
-    """Append nested elements: each tag is a child of the one before; return the innermost element."""
+    """Append nested elements, each a child of the element before; return the innermost element."""
     for tag in tags:
         parent = ElementTree.SubElement(parent, _qualified_name(tag))
     return parent

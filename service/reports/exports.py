@@ -110,12 +110,12 @@ class ExportedModel:
 
 
 def positive_stiffness(joint: JointResult) -> float | None:
-    """Return the stiffness of a joint if it is positive, as a spring needs; otherwise None."""
+    """Return the stiffness of a joint in SI units if it is positive, as a spring needs; otherwise None."""
     return joint.stiffness if joint.stiffness is not None and joint.stiffness > 0.0 else None
 
 
 def explain_missing_stiffness(joint: JointResult) -> str:
-    """Return why a joint has no positive stiffness: it is undetermined, negative or as good as rigid."""
+    """Return why a joint has no positive stiffness: undetermined, negative, or as good as rigid."""
     if joint.compliance is None:
         return joint.reason or "the readings cannot determine it"
     if joint.compliance < 0.0:

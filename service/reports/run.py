@@ -329,14 +329,14 @@ def describe_prediction(subject: RunSubject) -> str:
 
 
 def _coverage_factor(budget: Budget) -> float:
-    """Return the coverage factor of a budget; for 95 % at least 2, as EA-4/02 requires, instead of 1.96."""
+    """Return the coverage factor of a budget: at 95 % at least 2, as EA-4/02 requires, instead of 1.96."""
     if budget.probability == _USUAL_PROBABILITY and budget.coverage_factor <= 2.0:
         return 2.0
     return budget.coverage_factor
 
 
 def build_uncertainty_section(model: ExportedModel) -> Section:
-    """Return the section with the uncertainty budget of the compliances, or why the run has none."""
+    """Return the section with the uncertainty budget of the compliances, or why the run has no budget."""
     budget, weight = model.result.budget, model.result.weight
     if weight is not None:
         cells = [

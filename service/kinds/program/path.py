@@ -380,7 +380,7 @@ def _parse_load_row(
 
 
 def _load_columns(header: Sequence[str]) -> list[tuple[int, float]]:
-    """Return a pair for each column but the first: its index in (Fx, …, Mz), and its factor to SI units.
+    """Return (index in (Fx, …, Mz), factor to SI units) for each column except the first.
 
     Raises:
         FilesError: a header is unknown, or a column is missing or occurs twice.
@@ -436,7 +436,7 @@ class _Word:
         return np.stack([np.where(unknown, -np.inf, low), np.where(unknown, np.inf, high)], axis=1)
 
     def update_number(self, number: int, angle: float) -> int:
-        """Return the number that allows an angle [rad], with the bits of other joints unchanged."""
+        """Return the number that allows an angle [rad]; bits of `number` for other joints are kept."""
         if self.bit is not None:
             return number & ~(1 << self.bit) | int(angle < 0.0) << self.bit
         return int(
@@ -516,7 +516,7 @@ class StatedConfigurations:
         return start, end, f"'B{number:0{end - start - 3}b}'" if binary else str(number)
 
     def _iterate_words(self, indices: IndexArray) -> Iterator[tuple[_Word, int, IndexArray]]:
-        """Yield (word, column of its numbers, positions (k,) in `indices` of the targets with this word)."""
+        """Yield (word, column of the word's numbers, positions (k,) in `indices` of the word's targets)."""
         targets = self._program.targets
         words = [tuple(name for name, _ in literal.words) for literal in targets.literals]
         word_lists = list(dict.fromkeys(words))  # each different list of words, once
@@ -529,7 +529,7 @@ class StatedConfigurations:
                     yield word, column, members
 
     def _word_numbers(self, indices: IndexArray, column: int) -> FloatArray:
-        """Return the numbers (m,) of a word at m targets; NaN for a fraction or a too great number."""
+        """Return the numbers (m,) of a word at m targets; NaN if the number is a fraction or too great."""
         numbers = self._program.targets.values[indices, column]
         return np.where((numbers == np.round(numbers)) & (np.abs(numbers) < _MOST), numbers, np.nan)
 

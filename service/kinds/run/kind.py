@@ -416,19 +416,22 @@ def links_line(links: LinksResult, choice: ModelChoice) -> Line:
 
 
 def _elements_table(links: LinksResult) -> Table:
-    """Return a table of the share of each elastic element (joint, link, base) in the squared deflection."""
+    """Return a table of the share of each elastic element (joint, link, base) in the squared deflection.
+
+    A row has the share over all observations, and its least and greatest value in one observation.
+    """
     elements = links.elements
     names = [
         f"link behind {each.joint}" if each.kind == "link" else each.joint or each.kind for each in elements
     ]
-    least: list[float | None] = [min(each.by_observation) for each in elements]
-    greatest: list[float | None] = [max(each.by_observation) for each in elements]
+    least_shares: list[float | None] = [min(each.by_observation) for each in elements]
+    greatest_shares: list[float | None] = [max(each.by_observation) for each in elements]
     return Table(
         [
             Column("element", [*names, "unexplained"], text=True),
             Column("overall", [*(each.share for each in elements), links.unexplained], format_percent),
-            Column("least", [*least, None], format_percent),
-            Column("greatest", [*greatest, None], format_percent),
+            Column("least", [*least_shares, None], format_percent),
+            Column("greatest", [*greatest_shares, None], format_percent),
         ],
         title="Share of the squared deflection",
         caption="overall shares sum to 100 %; they are shares of squared lengths, so that they differ from "
@@ -478,9 +481,9 @@ def _base_table(base: ElasticCompliance) -> Table:
     )
 
 
-def _principal_compliances(link: ElasticCompliance, kind: str) -> str:
-    """Format a link's principal compliances; `kind` is "translation" (µm/kN) or "rotation" (µrad/(kN·m))."""
-    values = link.translation if kind == "translation" else link.rotation
+def _principal_compliances(link: ElasticCompliance, motion: str) -> str:
+    """Format principal compliances of a link; `motion` is "translation" [µm/kN] or "rotation" [µrad/(kN·m)]."""
+    values = link.translation if motion == "translation" else link.rotation
     rounding_error = _NO_COMPLIANCE * values[0].value  # values are sorted, greatest first
     return ", ".join(f"{1e9 * each.value if each.value > rounding_error else 0.0:.3g}" for each in values)
 
