@@ -482,7 +482,7 @@ def _base_table(base: ElasticCompliance) -> Table:
 
 
 def _principal_compliances(link: ElasticCompliance, motion: str) -> str:
-    """Format principal compliances of a link; `motion` is "translation" [µm/kN] or "rotation" [µrad/(kN·m)]."""
+    """Format a link's principal compliances, for "translation" [µm/kN] or for "rotation" [µrad/(kN·m)]."""
     values = link.translation if motion == "translation" else link.rotation
     rounding_error = _NO_COMPLIANCE * values[0].value  # values are sorted, greatest first
     return ", ".join(f"{1e9 * each.value if each.value > rounding_error else 0.0:.3g}" for each in values)
