@@ -132,7 +132,7 @@ class Jobs:
         """
         if key is not None and (before := self.records.find(key)) is not None:
             return before
-        work = self.kind.compute(self._inputs, request)
+        work = self.kind.prepare_work(self._inputs, request)
         job = new_job(self.kind.message, request, work, by)
         enqueue = self._enqueue
         if job.progress is None or enqueue is None:
@@ -157,7 +157,7 @@ class Jobs:
     def answered(self, record: JobRecord) -> str:
         """Return the JSON with which the API answers for a job; a job that has not ended has its progress."""
         is_active = record.state in OPEN_STATES
-        return self.kind.answered(
+        return self.kind.to_answer(
             self._with_progress(record).model_dump_json() if is_active else record.document
         )
 
@@ -272,7 +272,7 @@ class Jobs:
 
     def _load_work(self, job_id: str) -> Work:
         """Prepare the work of a stored job from its request."""
-        return self.kind.compute(self._inputs, self.current(job_id).request)
+        return self.kind.prepare_work(self._inputs, self.current(job_id).request)
 
     def _changing_columns(self, job: Job, robot_id: str | None) -> dict[str, Any]:
         """Return the columns of a job's record that change until the job ends, with their values."""

@@ -112,7 +112,7 @@ def _find_content_makers(kind: AnyKind) -> Mapping[str, _MakeContent]:
             "report.xml": _make_certificate,
         }
         made |= {f"model.{suffix}": _make_model_file for suffix in FORMATS}
-    elif kind.reported:
+    elif kind.has_report:
         made |= {"report.pdf": _make_job_report, "report.html": _make_job_report}
     if kind.name == Program.kind_name():
         made["program"] = _make_program_file
@@ -128,7 +128,7 @@ def _make_tables_json(requested: _RequestedFile) -> Content:
         if isinstance(part, Table)
     ]
     assessment: BaseModel | None = getattr(requested.job.result, "assessment", None)
-    report = requested.jobs.kind.report(requested.job, requested.job.result, view)
+    report = requested.jobs.kind.make_report(requested.job, requested.job.result, view)
     verdict = assessment and assessment.model_dump(mode="json")
     document = {
         "assessment": verdict,
@@ -162,7 +162,7 @@ def _make_job_report(requested: _RequestedFile) -> Content:
     jobs, parts, job_id = requested.jobs, requested.parts, requested.job_id
     record = jobs.records.get(job_id)
     about = [] if record.robot_id is None else [("Robot", parts.store.robots.get(record.robot_id).name)]
-    answered = jobs.kind.answered(record.document)
+    answered = jobs.kind.to_answer(record.document)
     return _render_report(
         build_job_report(jobs.kind, requested.job, answered, requested.laboratory, about), requested.name
     )

@@ -228,7 +228,7 @@ class JobRoute(BodyRoute):
 
 async def answer(jobs: Jobs, record: JobRecord, wait: float, followers: Followers) -> Response:
     """Return the HTTP answer with a new job: status 201 if the job ends within `wait` seconds, else 202."""
-    answered = jobs.kind.answered
+    answered = jobs.kind.to_answer
     if record.state not in OPEN_STATES:
         return answers.answer_created(JOB.collection, record.id, answered(record.document))
     try:

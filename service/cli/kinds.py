@@ -325,7 +325,7 @@ def _print_job(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN40
     from jointstiff.service.tables.terminal import console
 
     if values["as_json"]:
-        typer.echo(kind.answered(job.model_dump_json(indent=2)))
+        typer.echo(kind.to_answer(job.model_dump_json(indent=2)))
     elif values.get("as_csv") and job.result is not None:
         typer.echo(job.table("csv").decode(), nl=False)
     else:
@@ -527,11 +527,11 @@ def _write_robot(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # 
 
 def _write_campaign_to_fill_in(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Plan
     """Write a campaign with empty readings to the file of --campaign, if that is given; return the job."""
-    from jointstiff.service.kinds.plan.kind import campaign_to_fill_in
+    from jointstiff.service.kinds.plan.kind import make_campaign_to_fill_in
     from jointstiff.service.resources.documents import read_planned
 
     if values["campaign"] is not None:
-        campaign = campaign_to_fill_in(read_planned(sources[0]), job)
+        campaign = make_campaign_to_fill_in(read_planned(sources[0]), job)
         cli.write_json(values["campaign"], campaign)
     return job
 

@@ -19,7 +19,7 @@ from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, 
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.readings import ReadingArrays
-from jointstiff.service.kinds.plan.kind import campaign_to_fill_in, readings_sheet
+from jointstiff.service.kinds.plan.kind import make_campaign_to_fill_in, readings_sheet
 from jointstiff.service.resources.imports import ImportRefusedError, import_files
 from jointstiff.service.runs.mending import mend_campaign
 from jointstiff.service.tables.files import csv_text
@@ -244,7 +244,7 @@ def test_the_list_of_a_plan_is_filled_in_and_read_back():
     document = gauges(configurations=20)[1]
     found = plan(document, readings=6, candidates=200, directions=[(0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
     source = Campaign.model_validate_json(json.dumps(document))
-    filled = campaign_to_fill_in(source, found)["measurement_set"]
+    filled = make_campaign_to_fill_in(source, found)["measurement_set"]
     assert list(filled["load_point"]) == pytest.approx(source.measurement_set.load_point)
     targets = {reading["target"] for each in filled["observations"] for reading in each["readings"]}
     assert targets == set(filled["flange_targets"])

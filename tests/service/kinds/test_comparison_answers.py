@@ -123,7 +123,7 @@ class TestTwoCampaigns:
         assert warning.code == "configurations_differ"
         assert warning.message == (
             "2 observations have the same label but different postures or loads, or no common target; "
-            "first 'c01'"
+            "the first of these observations is 'c01'"
         )
 
     def test_robots_with_other_joints_are_not_compared(self, local, posted, run, pull):
@@ -172,7 +172,7 @@ class TestTwoCampaigns:
                         "configurations_differ",
                         None,
                         "1 observations have the same label but different postures or loads, or no common "
-                        "target; first 'c05'",
+                        "target; the first of these observations is 'c05'",
                     ),
                     (
                         "residuals_exceed_sigma",
@@ -310,7 +310,7 @@ class TestMethods:
             "[/] free 0.2506 & 0.0031",
             "[link=a] free 0.0878 & 0.0028",
             "translations divided by a length of 0.522 m",
-            "No fit was negative, rigid or undetermined for any joint.",
+            "No fit gave a joint a negative, infinite or undetermined stiffness.",
             "CP/L free 98.1 % 49 2.79 98.1 % & 0.087 0.0 %",
             "DPP ≥ 0 98.1 % 51 1.96 98.0 % & 0.089 0.0 %",
         ]:

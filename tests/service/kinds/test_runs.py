@@ -241,7 +241,7 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(memory, se
     worker.conclude(record.id, [computed[span] for span in steps])
     durable = jobs.current(record.id)
     told = []
-    work = RUN.compute(Resources(memory), request)
+    work = RUN.prepare_work(Resources(memory), request)
     same = carry_out(new_job(Run, request, work), work, told.append)
     assert durable.state == same.state == "succeeded"
     assert durable.result == same.result
