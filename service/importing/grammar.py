@@ -454,14 +454,8 @@ class Vocabulary:
     def count_known(self, headers: Iterable[str]) -> int:
         """Return the number of known headers; 0 if only one is known, or if two have the same meaning."""
         meanings = [meaning for text in headers if text and (meaning := self.find(text))]
-        parts_with_numbers = [
-            (meaning.quantity, meaning.axis) for meaning in meanings if meaning.axis is not None
-        ]
-        return (
-            0
-            if len(set(parts_with_numbers)) < len(parts_with_numbers) or len(meanings) < 2
-            else len(meanings)
-        )
+        axes = [(meaning.quantity, meaning.axis) for meaning in meanings if meaning.axis is not None]
+        return 0 if len(set(axes)) < len(axes) or len(meanings) < 2 else len(meanings)
 
 
 def _apply_header_unit(header: str, stated: str, meaning: Meaning) -> Meaning:
@@ -486,9 +480,8 @@ def _apply_header_unit(header: str, stated: str, meaning: Meaning) -> Meaning:
         return meaning
     accepted_unit = find_known_unit(last_word)
     if accepted_unit is None:
-        check_unit(
-            header, last_word, meaning.kind
-        )  # This raises an error, because the import does not accept the unit.
+        # This raises an error, because the import does not accept the unit.
+        check_unit(header, last_word, meaning.kind)
     elif accepted_unit[0] != dimension or meaning.unit not in (None, accepted_unit[1]):
         reason = f"{quote(header)} is in {name_unit(accepted_unit[1])}, but {quote(stated)} by `columns`"
         raise ImportFileError(

@@ -402,8 +402,8 @@ class ColumnReader:
     def _find_quaternion(self) -> list[int]:
         """Return the indices of the columns of a quaternion, Q0 to Q3 or Q1 to Q4; [] if there is none.
 
-        The squares of a quaternion add up to 1 in each row, or are all 0. Columns with a unit or a stated meaning are angles
-        of joints. If Q1 to Q4 are 0 in all rows, they may be joints; Q0 cannot be a joint.
+        The squares of a quaternion add up to 1 in each row, or are all 0. Columns with a unit or a stated
+        meaning are angles of joints. If Q1 to Q4 are 0 in all rows, they may be joints; Q0 cannot be a joint.
         """
         texts = map(grammar.collapse_blanks, self._headers)
         column_by_text = {
