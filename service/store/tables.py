@@ -183,7 +183,7 @@ class AccessKey:
     """An access key. The store has only its hash; the key itself is known to its holder alone."""
 
     id: str
-    name: str  # holder of the key, for people
+    name: str  # name of the key's holder
     role: str  # `viewer`, `operator` or `admin`
     key_hash: str
     """SHA-256 of the key. A slow hash is not needed: unlike a password, the key has 256 random bits."""
@@ -246,8 +246,8 @@ LAYOUT: Final = "0013_year"
 
 Before the first release only this layout is created and read; databases of other layouts are refused.
 """
-_ADVISORY_LOCK: Final = 0x4A6F696E74  # any number that no other program takes: "Joint"
-_TURN_SECONDS: Final = 60.0  # time to wait for another process that creates the tables
+_ADVISORY_LOCK: Final = 0x4A6F696E74  # "Joint" in ASCII: any number that no other program uses
+_LOCK_SECONDS: Final = 60.0  # time to wait for another process that creates the tables
 
 metadata = sa.MetaData(
     naming_convention={
@@ -450,7 +450,7 @@ open_sets = _make_numbered_table(
     ],
 )
 
-_OF_JOBS: Final = ("state", "verdict", "method", "weighting", "elasticity")
+_JOB_FILTER_COLUMNS: Final = ("state", "verdict", "method", "weighting", "elasticity")
 """Columns with few different values that filter listings of jobs."""
 
 jobs = _make_numbered_table(
@@ -465,9 +465,9 @@ jobs = _make_numbered_table(
         "robot_id": "robots.id",
     },
     indexes=[
-        *_listing_indexes("jobs", covering=["kind", *_OF_JOBS]),
+        *_listing_indexes("jobs", covering=["kind", *_JOB_FILTER_COLUMNS]),
         # Indexes for each kind, so that listing a kind with few jobs is faster than listing all jobs.
-        *_listing_indexes("jobs_kind", "kind", covering=_OF_JOBS),
+        *_listing_indexes("jobs_kind", "kind", covering=_JOB_FILTER_COLUMNS),
         _deletion_index("jobs"),
         _index("jobs_open", "kind", where=OPEN),
         _index("jobs_robot_id", "robot_id", "kind"),
@@ -529,8 +529,8 @@ audit = _make_numbered_table("audit", AuditEntry, indexes=[_index("audit_key_id"
 live_entries = _make_numbered_table(
     "live_entries", LiveEntry, indexes=[_index("live_entries_set_id", "set_id")]
 )
-_once = [live_entries.c[name] for name in ("set_id", "change", "label")]
-sa.Index("ix_live_entries_once", *_once, unique=True)
+_unique_columns = [live_entries.c[name] for name in ("set_id", "change", "label")]
+sa.Index("ix_live_entries_once", *_unique_columns, unique=True)
 
 
 def select_fields_of(table: sa.Table, record: type) -> sa.Select[Any]:
@@ -576,8 +576,8 @@ def indexes_of(table: sa.Table) -> list[sa.Index]:
     return sorted(table.indexes, key=lambda index: str(index.name))
 
 
-_ROWS: Final = 100_000  # assumed number of rows of each table
-_VALUES: Final[Mapping[str, int]] = MappingProxyType(
+_ASSUMED_ROWS: Final = 100_000  # assumed number of rows of each table
+_ASSUMED_DISTINCT_VALUES: Final[Mapping[str, int]] = MappingProxyType(
     {
         **dict.fromkeys(("kind", "state", "verdict", "method", "weighting", "elasticity", "encoders"), 4),
         **dict.fromkeys(("operator", "instrument", "key_id"), 30),
@@ -604,11 +604,11 @@ def _write_assumed_statistics(connection: sa.Connection) -> None:
     connection.exec_driver_sql("ANALYZE")  # creates the table of statistics
     for table in metadata.sorted_tables:
         for index in indexes_of(table):
-            rows = _ROWS_OF_SMALL_INDEXES.get(str(index.name), _ROWS)
+            rows = _ROWS_OF_SMALL_INDEXES.get(str(index.name), _ASSUMED_ROWS)
             # `stat`: the number of rows, then of rows equal in the first column, in the first two, …
             equal_counts, equal_rows = [], float(rows)
             for column in index.columns:
-                equal_rows = max(1.0, equal_rows / _VALUES.get(column.name, rows))
+                equal_rows = max(1.0, equal_rows / _ASSUMED_DISTINCT_VALUES.get(column.name, rows))
                 equal_counts.append(round(equal_rows))
             statistics = " ".join(map(str, [rows, *equal_counts]))
             connection.exec_driver_sql(
@@ -624,12 +624,12 @@ def _lock_creation(connection: sa.Connection) -> None:
     Raises:
         StoreUnavailableError: another process has had the lock for a minute.
     """
-    deadline = time.monotonic() + _TURN_SECONDS
+    deadline = time.monotonic() + _LOCK_SECONDS
     lock = sa.text("SELECT pg_try_advisory_xact_lock(:n)")
     while not connection.execute(lock, {"n": _ADVISORY_LOCK}).scalar_one():
         if time.monotonic() > deadline:
             raise StoreUnavailableError(
-                f"another process has been creating the tables for {_TURN_SECONDS:.0f} s",
+                f"another process has been creating the tables for {_LOCK_SECONDS:.0f} s",
                 "end the other process if it hangs, and start again",
             )
         time.sleep(0.05)
@@ -645,7 +645,7 @@ def has_tables(connection: sa.Connection) -> bool:
         return False
     found = connection.execute(sa.select(layouts.c.version_num)).scalar()
     if found not in {LAYOUT, None}:
-        save = _SAVE[connection.dialect.name]
+        save = _SAVE_COMMANDS[connection.dialect.name]
         raise StoreError(
             f"the database has tables of another version of Jointstiff: layout {found}, not {LAYOUT}",
             f"save it with `{save}` and open it with the version that wrote it, or give a new database and "
@@ -654,7 +654,7 @@ def has_tables(connection: sa.Connection) -> bool:
     return found is not None
 
 
-_SAVE: Final = {
+_SAVE_COMMANDS: Final = {
     "sqlite": "sqlite3 FILE '.backup SAVED'",
     "postgresql": "pg_dump --format=custom --file=SAVED DATABASE",
 }

@@ -104,7 +104,9 @@ class Queue:
         Newer jobs take precedence for a time that is proportional to the number of jobs that have begun. So
         small jobs do not wait for large jobs, and large jobs continue however many small jobs arrive.
         """
-        priority = _priority_now() + _PATIENCE_SECONDS * (1 + self._store.steps.others_begun(job_id))
+        priority = _priority_now() + _PATIENCE_SECONDS * (
+            1 + self._store.steps.count_other_begun_jobs(job_id)
+        )
         with self._store.transaction() as connection:
             for part in parts:
                 self._add_part(connection, part, priority=priority)
@@ -154,7 +156,7 @@ class Queue:
         """Remove the finished parts of finished jobs from the queue.
 
         Args:
-            find_unfinished: function that takes ids of jobs, and returns the ids of the unfinished jobs among them.
+            find_unfinished: function that takes ids of jobs, and returns the ids of the unfinished jobs.
         """
         for page in list(self._list_pages(status=["SUCCESS", *_GIVEN_UP_STATES])):
             ended_part_ids = [row.workflow_id for row in page]
@@ -239,7 +241,7 @@ class Engine(Queue):
             """Carry out a part that DBOS has claimed for this process."""
             name, part = str(DBOS.workflow_id), Part(job_id, number, kept)
             if self._is_stopping.is_set():
-                # `stop` offers this part to other workers. While this thread waits, DBOS claims no other part.
+                # `stop` offers this part to other workers. While this thread waits, DBOS claims no part.
                 self._is_closed.wait()
                 return
             self._clocks[name] = _clock_of_thread()
@@ -291,9 +293,8 @@ class Engine(Queue):
             dead_workers: names of the dead workers.
         """
         if worker_names := list(dead_workers):
-            DBOS._recover_pending_workflows(
-                worker_names
-            )  # not public in DBOS, whose own cloud service makes this call
+            # This function is not public; the cloud service of DBOS itself calls it.
+            DBOS._recover_pending_workflows(worker_names)
 
 
 def _clock_of_thread() -> int | None:

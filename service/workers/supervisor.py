@@ -17,9 +17,8 @@ from jointstiff.service.process import ONE_THREAD
 
 DATABASE_VARIABLE: Final = "JOINTSTIFF_DATABASE"
 """Environment variable in which a worker finds the URL of the store."""
-_SHORT_LIFE_SECONDS: Final = (
-    60.0  # an end before is early; on a busy machine, loading the libraries alone takes ten seconds
-)
+_SHORT_LIFE_SECONDS: Final = 60.0
+"""Time after the start before which an end is early: loading the libraries alone may take ten seconds."""
 _PAUSE_SECONDS: Final = 2.0
 _LONGEST_PAUSE_SECONDS: Final = 60.0
 _MIN_SHORT_LIVES: Final = 2

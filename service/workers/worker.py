@@ -28,9 +28,8 @@ from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
 from jointstiff.service.workers.engine import ATTEMPTS, Engine, Queue
 
-_KNOWN_KINDS: Final = [
-    kind.name for kind in KINDS
-]  # jobs of other kinds are left to workers of other versions
+# Jobs of other kinds are left to workers of other versions.
+_KNOWN_KINDS: Final = [kind.name for kind in KINDS]
 _MAX_REMOVED: Final = 20  # most deleted records of each kind removed in one call of `Recovery.look`
 _MAX_RENEWED: Final = 20  # most robots whose summary is renewed in one call of `Recovery.look`
 _FIRST_PAUSE: Final = 0.1
@@ -96,9 +95,8 @@ class Recovery:
         worker_by_part = self._engine.pending()
         living_workers = self._heartbeats.beat(self._executor)
         self._offer_idle_parts(worker_by_part)
-        if (
-            not living_workers or living_workers[0] != self._executor
-        ):  # only the first living worker recovers; one is enough
+        # Only the first living worker recovers jobs, because one is enough.
+        if not living_workers or living_workers[0] != self._executor:
             return
         # After an outage of the database all other workers seem silent at the first look. Only workers that
         # are silent at two looks are regarded as lost.
@@ -116,7 +114,7 @@ class Recovery:
         for task in tasks:
             try:
                 task()
-            except Exception as failure:  # noqa: BLE001 - the other duties must be done nevertheless
+            except Exception as failure:  # noqa: BLE001 - the other tasks must be done nevertheless
                 failures.append(failure)
         if failures:
             raise failures[0]

@@ -362,7 +362,7 @@ def test_an_unfinished_run_of_a_saved_file_goes_on_where_it_stood(tmp_path, monk
         run = runs.create(run_request(stored_set(store)), None)
         assert claims.claim("gone").number == 0
         runs.mark_running(run.id)
-        store.steps.keep(run.id, spans[0], pack_arrays(runs.work(run.id).compute(spans[0])))
+        store.steps.store_result(run.id, spans[0], pack_arrays(runs.work(run.id).compute(spans[0])))
         with closing(sqlite3.connect(source)) as own, closing(sqlite3.connect(saved)) as other:
             own.backup(other)  # as `sqlite3 FILE '.backup SAVED'` does
         expected = runs_of(store).create(run_request(run.measurement_set_id), None)

@@ -416,7 +416,7 @@ def test_a_run_cancelled_while_a_result_is_added_leaves_none(store, runs):
             threads.append(cancelling(store, run.id, cancelled))
 
     sa.event.listen(store._database._writer, "before_cursor_execute", cancel)
-    store.steps.keep(run.id, (0, 100), b"computed")
+    store.steps.store_result(run.id, (0, 100), b"computed")
     threads[0].join(20)
     assert cancelled.is_set()
     assert runs.current(run.id).state == "cancelled"

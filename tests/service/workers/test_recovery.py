@@ -177,7 +177,7 @@ def test_the_more_runs_have_begun_the_longer_newer_ones_pass(runs, claims, post,
 def test_a_step_that_two_workers_carried_out_is_kept_once(store, runs, post):
     run = post()
     for result in (b"first", b"second"):
-        assert store.steps.keep(run.id, (0, 1), result)
+        assert store.steps.store_result(run.id, (0, 1), result)
     assert store.steps.results(run.id) == [b"first"]
     assert runs.records.status(run.id).done == 1
 
@@ -185,10 +185,10 @@ def test_a_step_that_two_workers_carried_out_is_kept_once(store, runs, post):
 def test_the_results_of_ended_runs_are_removed_and_those_of_others_stay(store, runs, claims, post):
     ended, is_active = post(), post()
     for run in (ended, is_active):
-        store.steps.keep(run.id, (0, 1), b"computed")
+        store.steps.store_result(run.id, (0, 1), b"computed")
     cancelled = runs.cancel(ended.id)
     assert cancelled.progress.done == 1
-    assert not store.steps.keep(ended.id, (1, 2), b"late")
+    assert not store.steps.store_result(ended.id, (1, 2), b"late")
     assert store.steps.results(ended.id) == []
     assert [runs.records.status(each.id).done for each in (ended, is_active)] == [0, 1]
     claims.work_all(lambda _: runs)
@@ -273,7 +273,7 @@ def test_a_run_that_too_many_workers_die_over_fails_and_others_do_not(store, run
         claims.work(lambda _: runs)
     if part == "end":
         for i in range(3 * STEPS_OF_A_PART):
-            store.steps.keep(poison.id, (i, i + 1), b"computed")
+            store.steps.store_result(poison.id, (i, i + 1), b"computed")
     recovery, waiting = recovery_of(store, runs, claims), post()
     while claimed := claims.claim("alive"):
         if claimed.job_id == poison.id:
@@ -299,7 +299,7 @@ def test_deaths_are_counted_anew_once_a_step_is_kept(store, runs, claims, post, 
         for _ in range(ATTEMPTS - 1):
             assert claims.claim("dead").kept == kept - 1
             recovery.look()
-        store.steps.keep(run.id, (kept - 1, kept), b"by one that died then")
+        store.steps.store_result(run.id, (kept - 1, kept), b"by one that died then")
         claims.work(lambda _: runs)
         assert claims.waiting() == [f"{run.id}-000000-{kept}"]
     assert runs.current(run.id).state == "running"
@@ -439,7 +439,7 @@ def test_a_pickle_planted_in_a_step_is_not_run_and_its_run_ends(store, runs, cla
     """Who can write the database, or hands over a backup, runs no code in the workers."""
     run, other = post(), post()
     for i in range(3 * STEPS_OF_A_PART):
-        store.steps.keep(run.id, (i, i + 1), written(Planted(tmp_path / "ran")))
+        store.steps.store_result(run.id, (i, i + 1), written(Planted(tmp_path / "ran")))
     claims.work_all(lambda _: runs)
     assert [runs.current(each.id).state for each in (run, other)] == ["failed", "succeeded"]
     assert not (tmp_path / "ran").exists()
