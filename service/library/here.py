@@ -275,11 +275,11 @@ class Here(Verbs):
         Raises:
             CampaignError: no reason advises the action, or it cannot be applied to this campaign.
         """
-        from jointstiff.service.runs.mending import find_advised_action, mend_campaign
+        from jointstiff.service.runs.mending import apply_action_to_campaign, find_advised_action
 
         campaign: messages.Campaign = run.campaign.model_copy(update={"run": options_of(run)})
         with as_campaign_error(""):
-            campaign = mend_campaign(
+            campaign = apply_action_to_campaign(
                 campaign, find_advised_action(cast("Any", run.result).assessment, action)
             )
         return self.identify(campaign)

@@ -50,7 +50,7 @@ def find_advised_action(assessment: Assessment, kind: str) -> Action:
     return advised_action
 
 
-def mend_campaign(campaign: Campaign, action: Action) -> Campaign:
+def apply_action_to_campaign(campaign: Campaign, action: Action) -> Campaign:
     """Return a campaign after an action; the name of the changed robot or set states the action.
 
     For `choose_robot` with a robot's id the campaign keeps its own robot: the caller reads the chosen robot

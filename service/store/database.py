@@ -378,10 +378,8 @@ def _switch_to_wal(connection: sa.Connection) -> None:
 def _is_wrong_statement(error: Exception) -> bool:
     """Return whether an error comes from a wrong statement of this program, not from the database's state."""
     if isinstance(error, ProgrammingError):
-        return getattr(error.orig, "sqlstate", None) not in {
-            None,
-            *_CORRECTABLE_STATES,
-        }  # None: the URL is wrong
+        # Without a state the URL is wrong.
+        return getattr(error.orig, "sqlstate", None) not in {None, *_CORRECTABLE_STATES}
     return _sqlite_code(error) == sqlite3.SQLITE_ERROR
 
 
