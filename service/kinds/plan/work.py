@@ -120,7 +120,7 @@ def _compute_plan(planned: PlanInput, request: plans.PlanRequest) -> PlanResult:
             request.accept_verdict,
             "the campaign so far",
             "measurement_set_id",
-            passed_over=_TOO_LITTLE,
+            ignored_codes=_TOO_LITTLE,
         )
     elif prepared is not None:
         settings = Settings.from_options(RunOptions(), robot)
@@ -140,7 +140,7 @@ def _compute_plan(planned: PlanInput, request: plans.PlanRequest) -> PlanResult:
             request.accept_verdict,
             "the campaign so far",
             "measurement_set_id",
-            passed_over=_TOO_LITTLE | _LINKS if screening.links_need_validation else _TOO_LITTLE,
+            ignored_codes=_TOO_LITTLE | _LINKS if screening.links_need_validation else _TOO_LITTLE,
         )
         unexplained = None if prediction.compensation is None else 1.0 - prediction.compensation
     so_far = None if prepared is None else prepared.measurements
