@@ -480,10 +480,9 @@ class ColumnReader:
             names = {quantity.target or "" for quantity in points.values()}
             matches = {name: pattern.fullmatch(name) for name in names}
             split_names = {name: (match["target"], match["word"]) for name, match in matches.items() if match}
-            targets, state_words = (
-                {target for target, _ in split_names.values()},
-                {word for _, word in split_names.values()},
-            )
+            targets = {target for target, _ in split_names.values()}
+            state_words = {word for _, word in split_names.values()}
+            # Every name must have a word, and every target must occur with both words.
             if (
                 len(state_words) != 2
                 or len(split_names) != len(matches)
@@ -491,13 +490,7 @@ class ColumnReader:
             ):
                 continue
             if state_words == grammar.DIGITS.keys():
-                self._notes.append("0 and 1 in headers were read as `unloaded` and `loaded`")
-                changed = list(meanings)
-                for column, (kind, name, _) in points.items():
-                    target, word = split_names[name or ""]
-                    quantity = Quantity(kind, target, grammar.DIGITS[word])
-                    changed[column] = replace(meanings[column], quantity=quantity, guessed=True)
-                return changed
+                return self._apply_digit_states(meanings, points, split_names)
             if not all(word.isdigit() for word in state_words):
                 # in the order in which the words first occur in the headers
                 first, second = sorted(state_words, key=" ".join(map(str, meanings)).index)
@@ -513,6 +506,27 @@ class ColumnReader:
                 return meanings
         return meanings
 
+    def _apply_digit_states(
+        self,
+        meanings: list[Meaning],
+        points: Mapping[int, Quantity],
+        split_names: Mapping[str, tuple[str, str]],
+    ) -> list[Meaning]:
+        """Return the meanings with the states that 0 and 1 in the names of targets mean, and add a note.
+
+        Args:
+            meanings: meanings of all columns.
+            points: index of a column of positions → its quantity, whose target ends or begins with 0 or 1.
+            split_names: name of such a target → its name without the digit, and the digit.
+        """
+        self._notes.append("0 and 1 in headers were read as `unloaded` and `loaded`")
+        changed = list(meanings)
+        for column, (kind, name, _) in points.items():
+            target, digit = split_names[name or ""]
+            quantity = Quantity(kind, target, grammar.DIGITS[digit])
+            changed[column] = replace(meanings[column], quantity=quantity, guessed=True)
+        return changed
+
     def _group_by_quantity(self, meanings: Sequence[Meaning]) -> dict[Quantity, tuple[int, ...]]:
         """Return the indices of the columns of each quantity, in the order of joints or axes.
 
@@ -523,27 +537,30 @@ class ColumnReader:
             if meaning.axis is not None:
                 quantities.setdefault(meaning.quantity, {})[meaning.axis] = index
         for quantity, axes in quantities.items():
-            place = self._heading.place(min(axes.values()))
-            # Joints are numbered without gaps; a vector has three axes, a reading along an axis one number.
-            count = {"joint": max(axes) + 1, "point uncertainty": 1, "along": 1, "mass": 1}.get(
-                quantity.kind, 3
-            )
-            missing_axes = [axis for axis in range(count) if axis not in axes]
-            headers = [self._headers[column] for column in axes.values()]
-            texts = [text for text in headers if grammar.collapse_blanks(text) not in self._words.stated]
-            is_upper_case = {axis[0].isupper() for text in texts if (axis := _AXIS_LETTER.search(text))}
-            if quantity.kind in POINTS and len(is_upper_case) > 1:  # X and x may be different quantities
-                reason = f"{' and '.join(map(quote, texts))} are not spelt alike"
-                remedy = "write x, y and z alike, or give their meaning in `columns`"
-                self._faults.report(place, reason, remedy, grammar.UNKNOWN)
-            if missing_axes:
-                reason = f"column {Meaning(quantity, missing_axes[0])} is missing"
-                self._faults.report(
-                    place, reason, "add it, or correct the header of the column that holds it"
-                )
-            elif count > MAX_JOINTS:
-                self._faults.report(place, f"there are more than {MAX_JOINTS} joints", "check the headers")
+            self._check_axes(quantity, axes)
         return {quantity: tuple(axes[axis] for axis in sorted(axes)) for quantity, axes in quantities.items()}
+
+    def _check_axes(self, quantity: Quantity, axes: Mapping[int, int]) -> None:
+        """Report faults if a joint or axis of a quantity is missing, or axes are in upper and lower case.
+
+        `axes` is: number of the joint or axis, from 0 → index of its column.
+        """
+        place = self._heading.place(min(axes.values()))
+        # Joints are numbered without gaps; a vector has three axes, a reading along an axis one number.
+        count = {"joint": max(axes) + 1, "point uncertainty": 1, "along": 1, "mass": 1}.get(quantity.kind, 3)
+        missing_axes = [axis for axis in range(count) if axis not in axes]
+        headers = [self._headers[column] for column in axes.values()]
+        texts = [text for text in headers if grammar.collapse_blanks(text) not in self._words.stated]
+        letter_cases = {axis[0].isupper() for text in texts if (axis := _AXIS_LETTER.search(text))}
+        if quantity.kind in POINTS and len(letter_cases) > 1:  # X and x may be different quantities
+            reason = f"{' and '.join(map(quote, texts))} are not spelt alike"
+            remedy = "write x, y and z alike, or give their meaning in `columns`"
+            self._faults.report(place, reason, remedy, grammar.UNKNOWN)
+        if missing_axes:
+            reason = f"column {Meaning(quantity, missing_axes[0])} is missing"
+            self._faults.report(place, reason, "add it, or correct the header of the column that holds it")
+        elif count > MAX_JOINTS:
+            self._faults.report(place, f"there are more than {MAX_JOINTS} joints", "check the headers")
 
     def _check_names_and_loads(
         self, texts: Mapping[Kind, int], quantities: Mapping[Quantity, tuple[int, ...]]

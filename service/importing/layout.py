@@ -276,18 +276,19 @@ def _check_end_of_file(grid: Grid, rows: Sequence[Row], faults: Faults) -> str |
     # Without trailing zeros a number may have one decimal fewer than the others.
     has_fewer_decimals = is_number and last_decimal_count < min(decimal_counts) - (not writes_trailing_zeros)
     has_fewer_characters = len(last_cell.lstrip("+-")) < min(len(cell.lstrip("+-")) for cell in cells_above)
+    # such as `loa` below `loaded`
     is_beginning = any(
         cell.startswith(last_cell) and (is_number or has_fewer_characters)
         for cell in cells_above
         if cell != last_cell
     )
-    lacks_decimals = (
-        is_number and has_fewer_characters and last_decimal_count == 0 < min(decimal_counts)
-    )  # 22 below 836.13 and 63.6
+    # such as 22 below 836.13 and 63.6
+    lacks_decimals = is_number and has_fewer_characters and last_decimal_count == 0 < min(decimal_counts)
     if has_fewer_decimals or is_beginning or lacks_decimals:
         reason = f"its last line has no line break, and {quote(last_cell)} is shorter than the cells above"
         remedy = "export or copy the file again; if it is complete, end its last line"
         faults.report(place, f"the file is cut off: {reason}", remedy)
+    # A number that is not shorter than all others may lack digits nevertheless: the user has to confirm it.
     is_complete = (
         last_cell in cells_above
         or 0 < last_decimal_count == max(decimal_counts)

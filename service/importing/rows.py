@@ -468,11 +468,7 @@ class RowReader:
                 if vector is None and quantity.kind == "along":
                     continue  # a gauge reads one direction in a posture, and another in the next
                 full_quantity = self._complete_quantity(quantity, name_parts, place)
-                vector = self._add_deviation(row, quantity, vector, faults)
-                sigma, is_of_point = (
-                    self._read_sigma(row, quantity, full_quantity.state, faults) if vector else (None, False)
-                )
-                record.values[full_quantity] = Value(vector, place, sigma, is_of_point)
+                record.values[full_quantity] = self._read_point(row, quantity, full_quantity, vector, faults)
             elif vector is None:
                 faults.report(place, f"this row has no {quantity.kind}", "fill in the cells")
             elif quantity.kind == "mass":
@@ -488,6 +484,25 @@ class RowReader:
                 record.values[quantity] = Value(vector, record.place)
         record.held_out = self._is_held_out(row, faults)
         return record
+
+    def _read_point(
+        self, row: Row, quantity: Quantity, full_quantity: Quantity, vector: Vector | None, faults: Faults
+    ) -> Value:
+        """Return the value of a position, deflection or reading along an axis, with its uncertainty.
+
+        Args:
+            row: row of the table.
+            quantity: quantity of the columns, as the header states it.
+            full_quantity: the same quantity with target and state of the row.
+            vector: numbers in the columns; None if they are empty.
+            faults: collection to which faults of cells are added.
+        """
+        vector = self._add_deviation(row, quantity, vector, faults)
+        sigma, is_of_point = (
+            self._read_sigma(row, quantity, full_quantity.state, faults) if vector else (None, False)
+        )
+        place = self._grid.place(row, self._columns.quantities[quantity][0])
+        return Value(vector, place, sigma, is_of_point)
 
     def _is_held_out(self, row: Row, faults: Faults) -> bool:
         """Return whether the column `validation` holds a row out from the fit; it may be 0, 1 or empty."""

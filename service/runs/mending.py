@@ -140,7 +140,8 @@ def _exchange_load_point_and_target(measured: _Set, action: Action) -> _Set:
     )
     if other_points:
         raise RequestError(
-            f"the set has {1 + len(other_points)} different load points; only one can be exchanged with a target",
+            f"the set has {1 + len(other_points)} different load points; "
+            "only one can be exchanged with a target",
             where="measurement_set.observations",
             remedy="check the load points, and correct them in the set",
         )

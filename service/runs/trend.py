@@ -486,8 +486,8 @@ class Trends:
     ) -> list[ChangedJoint]:
         """Return the joints that changed in any trend of the robot, at most once for each serial number.
 
-        Joints of the serial number `newest_serial_number` come first. If a joint changed in several trends, the
-        change in the trend with most campaigns is returned.
+        Joints of the serial number `newest_serial_number` come first. If a joint changed in several trends,
+        the change in the trend with most campaigns is returned.
         """
         names = [joint.name for joint in robot_from_record(self._store.robots.get(robot_id)).joints]
         # Trends with most campaigns come first, so that `setdefault` keeps the change of these.
