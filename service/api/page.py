@@ -41,7 +41,7 @@ _MISSING_PAGE = "The dashboard is not built: install the package again (scripts/
 _MISSING_DOCS = """<!doctype html>
 <html lang="en"><meta name="viewport" content="width=device-width"><title>Documentation · Jointstiff</title>
 <h1>The documentation is not built</h1>
-<p>The packages of releases hold it, this one does not. Read it on
+<p>The packages of releases contain the documentation; this package does not. Read it on
 <a href="https://github.com/jointstiff/jointstiff/tree/main/docs">GitHub</a>; in a checkout
 <code>scripts/docs</code> builds it; the service then shows it at once.
 The API is described at <a href="{root}openapi.json">openapi.json</a>.

@@ -129,13 +129,13 @@ def _make_request_after_action(parts: Parts, run: Run, action: Action) -> RunReq
 
     Raises:
         HTTPException: the run has no result (409).
-        RequestError: the run's assessment does not advise the action, or the action cannot be applied.
+        RequestError: the run's assessment does not recommend the action, or the action cannot be applied.
     """
     if run.result is None:
         raise HTTPException(409, f"the run has no assessment, because its state is {run.state}")
     if all(reason.action != action for reason in run.result.assessment.reasons):
         raise RequestError(
-            "the assessment of this run does not advise this action",
+            "the assessment of this run does not recommend this action",
             where="kind",
             remedy="send the `action` of one of its reasons without changes",
         )

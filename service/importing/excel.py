@@ -290,7 +290,9 @@ class _Sheet:
         """Return the row that an XML element holds; None if all cells of the row are empty."""
         number = element.get("r", str(self._line + 1))
         if not _ROW_NUMBER.fullmatch(number) or not self._line < int(number) <= _LAST_ROW:
-            raise self._workbook_error(f"row {quote(number)} follows row {self._line}")
+            raise self._workbook_error(
+                f"row {quote(number)} is out of order in the sheet: it follows row {self._line}"
+            )
         self._line, self._column = int(number), 0
         cells: list[str] = []
         kinds: list[CellKind] = []

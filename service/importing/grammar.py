@@ -370,7 +370,9 @@ def _parse_position(header: str, base: str, state_words: Mapping[str, State]) ->
         # `axes` has one entry; that of a point's uncertainty is empty, and the sum 0.
         return Meaning(Quantity(kind, target, state), sum(axes))
     if target is None or state not in (None, "deflection"):
-        reason = f"{quote(header)}: a reading along an axis has a target, and is a deflection"
+        reason = (
+            f"{quote(header)}: a reading along an axis needs a target's name, and no state but `deflection`"
+        )
         raise ImportFileError(NOWHERE, reason, "write a header such as `tip along z [mm]`")
     return Meaning(
         Quantity("along", f"{target} {_ALONG} {'xyz'[axes[0]]}", "deflection"), 0, guessed=is_gauge
@@ -483,7 +485,7 @@ def _apply_header_unit(header: str, stated: str, meaning: Meaning) -> Meaning:
         # This raises an error, because the import does not accept the unit.
         check_unit(header, last_word, meaning.kind)
     elif accepted_unit[0] != dimension or meaning.unit not in (None, accepted_unit[1]):
-        reason = f"{quote(header)} is in {name_unit(accepted_unit[1])}, but {quote(stated)} by `columns`"
+        reason = f"{quote(header)} is in {name_unit(accepted_unit[1])}, but `columns` states {quote(stated)}"
         raise ImportFileError(
             NOWHERE, reason, "correct the header or `columns`; a unit is never converted silently"
         )

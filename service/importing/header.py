@@ -119,7 +119,9 @@ def _find_header_in_comments(grid: Grid, words: Vocabulary, width: int) -> Headi
         if _looks_like_header(
             comment, width, is_last=comment is comments_above[-1], cell_count=len(splits[0])
         ):
-            reason = f"the comment {quote(text)} looks like a header, but is not understood as that of the "
+            reason = (
+                f"the comment {quote(text)} looks like a header, but is not understood as the header of the "
+            )
             remedy = "correct or remove it, or give `header`"
             raise ImportFileError(Place(grid.file, line), f"{reason}{width} columns", remedy, "header")
     return None
@@ -592,7 +594,8 @@ class ColumnReader:
         for quantity in points:
             if quantity.kind != "along" and quantity.with_kind("position") not in quantities:
                 column = quantities[quantity][0]
-                reason = f"{quote(self._headers[column])} has no matching columns of a position"
+                header = quote(self._headers[column])
+                reason = f"{header} belongs to a position, but the table has no columns of this position"
                 report(self._heading.place(column), reason, "correct its header, or use `ignore`")
         for kind in _TARGET_AND_STATE:
             named = {getattr(quantity, kind) is not None for quantity in points}
@@ -655,10 +658,11 @@ class ColumnReader:
         ]
         for source, other in others:
             if unit is not None and other != unit:
-                units_given = (
-                    f"in {name_unit(unit)} by {first_source}, but in {name_unit(other or '')} by {source}"
+                first_unit, other_unit = name_unit(unit), name_unit(other or "")
+                reason = (
+                    f"{meaning} is in {first_unit} according to {first_source}, "
+                    f"but in {other_unit} according to {source}"
                 )
-                reason = f"{meaning} is {units_given}"
                 raise ImportFileError(NOWHERE, reason, "correct the file or `units`")
         return unit
 

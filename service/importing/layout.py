@@ -72,7 +72,7 @@ def understand_table(grid: Grid, options: ImportOptions, faults: Faults) -> Layo
     if unit is not None:
         notes.append(f"positions are in {name_unit(unit)}, as the file states")
     if columns.units.get("length") == "in":
-        notes.append("lengths in inches were converted to mm; so are numbers in options")
+        notes.append("lengths in inches, also those in the options, were converted to mm")
     decimal_mark, number_columns = (
         None,
         [column for indices in columns.quantities.values() for column in indices],

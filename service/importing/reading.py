@@ -50,8 +50,8 @@ _Uncertainty = Literal["coordinate", "point"]
 _U95: Final[Mapping[_Uncertainty, str]] = MappingProxyType(
     {
         "coordinate": "U(95) X, Y, Z was read as the expanded uncertainty of each coordinate: σ = U/1.96",
-        "point": "U(95) was read as the expanded uncertainty of each point, the root of the squares of its "
-        "coordinates' uncertainties: σ = U/(1.96 √3), for both states the root of the mean square",
+        "point": "U(95) was read as the expanded uncertainty of each point, that is the root of the sum of "
+        "the squares for x, y and z: σ = U/(1.96 √3); a reading has the root mean square of both positions",
     }
 )
 _MAX_SPREADS: Final = 100.0
@@ -433,7 +433,7 @@ def _check_same_quantities(observations: list[ObservationRecord], faults: Faults
             reason = (
                 f"{quote(lacking[0].label)}{others} no {kind}, but other labels have: {_list_labels(having)}"
             )
-            remedy = f"spell labels alike in all files; without {kind}: {_list_labels(lacking)}"
+            remedy = f"spell labels alike in all files; these labels have no {kind}: {_list_labels(lacking)}"
             faults.report(lacking[0].place, reason, remedy)
         count = len(having[0].vector(kind) or ())
         for value in (observation.values[Quantity(kind)] for observation in having):

@@ -166,7 +166,7 @@ def convert_load_cases(request: DeflectionOptions, robot: Robot) -> LoadCases:
             raise RequestError(
                 "the load point is missing",
                 where=f"cases[{index}].load_point",
-                remedy="give load_point, in the flange frame, for all cases or for each",
+                remedy="give load_point, in the flange frame, for all cases together or for each case",
             )
         points.append(point)
         places.append(case.place or request.place or point)
@@ -336,7 +336,7 @@ def _read_case(row: list[str], columns: list[_Column], line: int, *, decimal_com
     """Parse a row; return field → value of a load case, vectors as lists in the request's units."""
     if len(row) != len(columns):
         raise RequestError(
-            f"{len(row)} cells under {len(columns)} headers",
+            f"the row has {len(row)} cells, but the table has {len(columns)} headers",
             where=f"line {line}",
             remedy="give a cell for each header",
         )

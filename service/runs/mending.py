@@ -44,9 +44,9 @@ def find_advised_action(assessment: Assessment, kind: str) -> Action:
     advised_action = next((action for action in actions if action.kind == kind and kind in kinds), None)
     if advised_action is None:
         remedy = (
-            f"give one of: {', '.join(kinds)}" if kinds else "no reason offers an action: read the remedies"
+            f"give one of: {', '.join(kinds)}" if kinds else "no reason offers an action: follow the remedies"
         )
-        raise RequestError(f"the assessment does not advise '{kind}'", where="apply", remedy=remedy)
+        raise RequestError(f"the assessment does not recommend '{kind}'", where="apply", remedy=remedy)
     return advised_action
 
 

@@ -26,7 +26,7 @@ from jointstiff.solver.comparison.campaigns import CHANGED_LEVEL, Change, log_st
 
 _MAX_RUNS: Final = 2_000
 _MAX_CACHED_RUNS: Final = 2_000
-_OPEN_INTERVAL = "the stiffness has no upper limit, or its uncertainty exceeds a quarter of it"
+_OPEN_INTERVAL = "the stiffness has no upper limit, or its uncertainty exceeds a quarter of the stiffness"
 
 
 Stated = Annotated[bool, BeforeValidator(bool)]

@@ -145,8 +145,8 @@ class RunModel:
         remarks = []
         if not isinstance(self.model, JointModel):
             remarks.append(
-                "to first order in the load: links and joints bend linearly, own weight and complementary "
-                "stiffness are left out"
+                "the predictions are to first order in the load: links and joints bend linearly, own "
+                "weight and complementary stiffness are left out"
             )
         else:
             if self.model.weight is None:
@@ -155,7 +155,8 @@ class RunModel:
                 remarks.append(f"own weight is not included, because {explanation}")
             elif self.model.weight.absolute:
                 remarks.append(
-                    "absolute: relative to an arm that does not bend, so sag by own weight is included"
+                    "the predictions are absolute, that is relative to an arm that does not bend: they "
+                    "include the sag under own weight"
                 )
             if self.run.request.complementary_stiffness == "neglected" and self.run.request.weight is None:
                 remarks.append(

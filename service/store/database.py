@@ -433,7 +433,7 @@ def _check_encoding(connection: sa.Connection) -> None:
     if encoding != "UTF8":
         raise StoreError(
             f"the PostgreSQL database has the encoding {encoding}",
-            "create one with ENCODING 'UTF8'",
+            "create a database with ENCODING 'UTF8'",
         )
 
 
