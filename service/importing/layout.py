@@ -45,18 +45,17 @@ def understand_table(grid: Grid, options: ImportOptions, faults: Faults) -> Layo
     Raises:
         ImportFileError: the header cannot be found, or a title or comment contradicts the table.
     """
-    words = Vocabulary(options)
-    heading = find_heading(grid, words, options)
+    vocabulary = Vocabulary(options)
+    heading = find_heading(grid, vocabulary, options)
     remarks = sorted([*grid.comments, *_titles_above(grid, heading)])
-    unit, frame = _read_remarks(grid.file, remarks)
+    axes_unit, frame = _read_remarks(grid.file, remarks)
     heading, rows = _fit_lengths(grid, heading, faults)
     headers = ["" if heading.assumed else text for text in heading.texts]
     if options.layouts:
         _check_template(options, headers, heading.place(), faults)
     name_has_state = grammar.contains_state_word(grid.stem, options.state_words)
-    columns = ColumnReader(heading, rows, words, options, faults).understand(
-        unit, state_in_name=name_has_state
-    )
+    column_reader = ColumnReader(heading, rows, vocabulary, options, faults)
+    columns = column_reader.understand(axes_unit, state_in_name=name_has_state)
     _check_units(grid.file, remarks, columns, faults)
     unsure_number = _check_end_of_file(grid, rows, faults)
     notes = [*grid.preview.assumptions, *heading.notes, *columns.notes]
@@ -69,14 +68,12 @@ def understand_table(grid: Grid, options: ImportOptions, faults: Faults) -> Layo
     rows = kept
     if frame is not None:
         notes.append(f"positions are in the frame {quote(frame)}, as the file states")
-    if unit is not None:
-        notes.append(f"positions are in {name_unit(unit)}, as the file states")
+    if axes_unit is not None:
+        notes.append(f"positions are in {name_unit(axes_unit)}, as the file states")
     if columns.units.get("length") == "in":
         notes.append("lengths in inches, also those in the options, were converted to mm")
-    decimal_mark, number_columns = (
-        None,
-        [column for indices in columns.quantities.values() for column in indices],
-    )
+    number_columns = [column for indices in columns.quantities.values() for column in indices]
+    decimal_mark = None  # remains if the decimal mark is not clear
     with faults.collect():
         decimal_mark, note_on_mark = decide_decimal_mark(grid, rows, number_columns, options.decimal_mark)
         notes += [note_on_mark] if note_on_mark else []
@@ -190,15 +187,18 @@ def _read_remarks(file: str, remarks: Sequence[Remark]) -> tuple[str | None, str
 def _check_units(file: str, remarks: Sequence[Remark], columns: Columns, faults: Faults) -> None:
     """Report a fault if a title or comment, such as `Units: inches`, names another unit than the columns."""
     for line, text in remarks:
-        match = _UNITS.search(text)
-        words = re.findall(r"[^\s,;:()\[\]]+", match["units"]) if match else []
-        known = [word for word in words if grammar.find_any_unit(word) and (word != "in" or len(words) == 1)]
-        if match and not match["equals"] and len(known) < len(words):
-            known = []  # the words are a sentence, not a list of units
-        elif len(words) == 1 and not known and words[0].isalpha():
+        units_match = _UNITS.search(text)
+        words = re.findall(r"[^\s,;:()\[\]]+", units_match["units"]) if units_match else []
+        # The word `in` means inches only if it is alone; in a sentence it is a preposition.
+        unit_words = [
+            word for word in words if grammar.find_any_unit(word) and (word != "in" or len(words) == 1)
+        ]
+        if units_match and not units_match["equals"] and len(unit_words) < len(words):
+            unit_words = []  # the words are a sentence, not a list of units
+        elif len(words) == 1 and not unit_words and words[0].isalpha():
             reason = f"the unit {quote(words[0])} is not known"
             faults.report(Place(file, line), reason, "correct the remark, or remove it")
-        for word in (*known, *map("".join, _UNIT.findall(text))):
+        for word in (*unit_words, *map("".join, _UNIT.findall(text))):
             dimension, unit = grammar.find_any_unit(word) or (None, "")
             column_unit = columns.units.get(dimension) if dimension else None
             if dimension and column_unit and unit != column_unit:

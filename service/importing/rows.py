@@ -331,9 +331,8 @@ Vector = tuple[float, ...]
 class Value:
     """Numbers of one quantity of an observation."""
 
-    vector: (
-        Vector | None
-    )  # numbers in the unit of the files; None if the cells are empty, () if one is faulty
+    # numbers in the unit of the files; None if the cells are empty, () if a cell is faulty
+    vector: Vector | None
     place: Place  # place of the first cell
     # standard uncertainty of each coordinate, in the unit of length, if the file has it
     sigma: Vector | None = None
@@ -367,17 +366,18 @@ class ObservationRecord:
 
 @dataclass
 class TimesAndRoundings:
-    """Times at which the points of all files were read, and the count of uncertainties rounded to 0."""
+    """Times at which the points of all files were measured, and the count of uncertainties rounded to 0."""
 
     times: list[datetime] = field(default_factory=list)
     unclear: list[str] = field(default_factory=list)  # texts that could not be read as times
-    rounded: int = 0  # expanded uncertainties of 0
+    rounded: int = 0  # number of cells with an expanded uncertainty of 0
 
     def add_time(self, cells: list[str]) -> None:
         """Add the time of a row from one cell, or from a cell with the date and a cell with the time.
 
         Times are written as `2022-11-08 16:17:28` or `8.11.2022 16:17:28`, and are in UTC without a zone.
         """
+        # The cell with the date, which has no colon, comes before the cell with the time.
         text = " ".join(sorted((cell.strip("' ") for cell in cells), key=lambda part: ":" in part)).strip()
         if not any(map(str.isdigit, text)):
             return
@@ -449,9 +449,8 @@ class RowReader:
             with faults.collect():
                 yield self._read_record(row, name_parts, name_parts.label or str(row_number), faults)
         for remedy, first in first_faults.items():
-            if (
-                fault_counts[remedy] > 1 and first.place.line
-            ):  # without a line, the fault is in the file's name
+            # A fault without a line concerns the name of the file, not names of points.
+            if fault_counts[remedy] > 1 and first.place.line:
                 first.reason += f", and {fault_counts[remedy] - 1} other names are not clear either"
             faults.add(first)
 

@@ -97,10 +97,8 @@ class Collection(Generic[Record, Entry]):
         ]
         columns = select_fields_of(table, record).selected_columns
         self._entry_query = self._listing_query()
-        self._is_visible, self._is_deleted = (
-            columns_of_table.deleted_at.is_(None),
-            columns_of_table.deleted_at.is_not(None),
-        )
+        self._is_visible = columns_of_table.deleted_at.is_(None)
+        self._is_deleted = columns_of_table.deleted_at.is_not(None)
         self._id_query = sa.select(columns_of_table.id).where(
             columns_of_table.id == sa.bindparam("id"), *self._own_conditions
         )

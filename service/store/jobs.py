@@ -151,9 +151,8 @@ class JobRecords(Collection[JobRecord, JobEntry]):
                 new_row = insert_unless_present(connection, last_campaigns).values(
                     robot_id=robot_id, changes=1
                 )
-                if (
-                    connection.execute(new_row).rowcount == 0
-                ):  # another process has inserted the row meanwhile
+                # Another process may have inserted the row meanwhile.
+                if connection.execute(new_row).rowcount == 0:
                     mark_campaigns_outdated(connection, is_robot)
 
 
