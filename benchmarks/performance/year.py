@@ -295,12 +295,12 @@ def _worker(
             _fill_short(store, url, count)
             parts = Parts(store)
             recovery = Recovery(store, parts.jobs_of, queue, "idle")  # type: ignore[arg-type]
-            recovery.look()
+            recovery.check_and_recover()
             before = 0.0 if server is None else cpu(server.pid)
             times = []
             for _ in range(_LOOKS):
                 began = time.process_time()
-                recovery.look()
+                recovery.check_and_recover()
                 times.append(time.process_time() - began)
             of_server = 0.0 if server is None else (cpu(server.pid) - before) / _LOOKS
         used.append(median(times) + of_server)

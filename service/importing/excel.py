@@ -276,7 +276,8 @@ class _Sheet:
 
     def rows(self) -> Iterator[Row]:
         """Yield the rows that are not empty, each up to its last cell with a text."""
-        self._line = self._column = self._count = self._hidden = self._formulas = filled = 0
+        self._line = self._column = self._count = self._hidden = self._formulas = 0
+        filled = 0
         for element in self._archive.elements(self._part, "row", "col"):
             self._hidden += element.get("hidden") in ("1", "true")
             row = self._read_row(element) if _LOCAL_NAMES[element.tag] == "row" else None

@@ -277,6 +277,7 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
         return Meaning(Quantity("mass"), 0, "kgf")
     split_suffix = None if unit is not None else _split_unit_suffix(base)
     base, unit = split_suffix or (base, unit)
+    # `tx`, `ty` and `tz` in a unit of length are the coordinates x, y and z.
     if (
         fold_word(base) in _TRANSLATIONS
         and unit is not None
@@ -309,7 +310,7 @@ def _parse_quantity(header: str, base: str, state_words: Mapping[str, State]) ->
 
 def _split_unit_suffix(base: str) -> tuple[str, str] | None:
     """Split a header such as `theta1_rad` or `force_x_N` into name and unit; None if it ends with no unit."""
-    for count in (2, 1):
+    for count in (2, 1):  # the unit may be one word or two, such as `N m`
         parts = list(_TOKEN.finditer(base))
         if len(parts) > count and find_known_unit(unit := " ".join(part[0] for part in parts[-count:])):
             return base[: parts[-count].start()].rstrip(" _"), unit

@@ -129,6 +129,7 @@ def file_type(content: bytes, name: str = "") -> str | None:
         return _archive_type(content)
     if content[4:8] == b"ftyp":
         return "a picture (HEIC) or a film"
+    # White space, or a byte order mark of UTF-8 or UTF-16, may come before the first sign of the content.
     start = content[:256].lstrip(b"\xef\xbb\xbf \t\r\n")
     ends_with_bracket = content.rstrip()[-1:] in (b"}", b"]")
     if start.lstrip(b"\xff\xfe\0")[:1] in (b"{", b"[") and (

@@ -141,6 +141,7 @@ def _looks_like_header(comment: Remark, width: int, *, is_last: bool, cell_count
     axes_and_words = [word.casefold() for word in _AXES_AND_WORDS.findall(comment.text)]
     axes = "".join(word for word in axes_and_words if len(word) == 1)
     words_after_axes = axes_and_words[axes_and_words.index(axes[-1]) + 1 :] if axes else []
+    # Axes in another order than x, y, z, or a column of texts behind the axes, would be read wrongly.
     if len(set(axes)) > 1 and (axes != "xyz" or any(map(grammar.is_key, words_after_axes))):
         return True
     words = re.findall(r"[^\W\d_]+", comment.text)
@@ -181,10 +182,10 @@ def _find_header_in_rows(grid: Grid, words: Vocabulary) -> Heading:
     """
     start, count, texts = 0, 1, grid.rows[0].cells
     most_known = 0
-    for candidate in _yield_candidates(grid, words):
-        known = words.count_known(candidate[2])
+    for first_row, row_count, column_texts in _yield_candidates(grid, words):
+        known = words.count_known(column_texts)
         if known > most_known:
-            start, count, texts = candidate
+            start, count, texts = first_row, row_count, column_texts
             most_known = known
             if known == sum(map(bool, texts)) and start + count < len(grid.rows):
                 break

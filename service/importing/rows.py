@@ -227,7 +227,7 @@ class NameReader:
     def _read_file_parts(self, lacking: frozenset[str]) -> NameParts:
         """Return target and state of all points of a file from its name: `P10_loaded`, `loaded` or `P10`.
 
-        If the name has no state, the option `state` gives it. `lacking` are the kinds that are needed.
+        If the name has no state, the option `state` gives it. `lacking` are the kinds that a row lacks.
 
         Raises:
             ImportFileError: the file's name does not give a kind that is needed.
@@ -242,9 +242,9 @@ class NameReader:
             file_parts = NameParts(None, target, state)
             if len(parts) > 1 or any(getattr(file_parts, kind) is None for kind in lacking):
                 kind_words = " and the ".join(sorted(lacking, reverse=True))
-                option, state_hint = (
-                    ("state", "state it by `state`, ") if "state" in lacking else ("point_name", "")
-                )
+                option, state_hint = "point_name", ""
+                if "state" in lacking:
+                    option, state_hint = "state", "state it by `state`, "
                 raise ImportFileError(
                     Place(self._grid.file),
                     f"the {kind_words} is given neither by the table nor by the names of points or the file",

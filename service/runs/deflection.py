@@ -249,6 +249,7 @@ def _parse_header(header: str, joints: Mapping[str, JointKind], units: Units) ->
         return "label", 0, 1.0
     match = re.fullmatch(r"J(\d+)", name)
     if name in joint_names or (match and 1 <= int(match[1]) <= len(joints)):
+        # The last `else` cannot happen: either the name or the pattern matches.
         index = joint_names.index(name) if name in joint_names else int(match[1]) - 1 if match else 0
         if joints[joint_names[index]] == "prismatic":
             return "joints", index, parse_unit_factor(header, LENGTH) / LENGTH[units.length]

@@ -205,7 +205,7 @@ class Collection(Generic[Record, Entry]):
             is_record = [self._table.c.id == identifier, sa.true() if hidden else self._is_visible]
             with self._database.writing() as connection:
                 if connection.execute(sa.update(self._table).where(*is_record).values(**values)).rowcount:
-                    self._rename(connection, identifier)
+                    self._update_name_copies(connection, identifier)
                     self._mark_campaign_outdated(connection, identifier)
         return self.get(identifier, hidden=hidden)
 
@@ -366,7 +366,7 @@ class Collection(Generic[Record, Entry]):
         """
         return _robot_name_columns(record.name or "")
 
-    def _rename(self, connection: sa.Connection, identifier: str) -> None:
+    def _update_name_copies(self, connection: sa.Connection, identifier: str) -> None:
         """Update the copies of a record's name in other rows after a change; a hook for subclasses."""
 
     def _mark_campaign_outdated(self, connection: sa.Connection, identifier: str) -> None:
@@ -488,7 +488,7 @@ class Robots(Collection[RobotRecord, RobotEntry]):
             .outerjoin_from(robots, last_campaigns, campaign_columns.robot_id == robots.c.id)
         )
 
-    def _rename(self, connection: sa.Connection, identifier: str) -> None:
+    def _update_name_copies(self, connection: sa.Connection, identifier: str) -> None:
         """Update the copies of a robot's name in its sets and jobs."""
         _copy_names(connection, robots.c.id, identifier)
         # Sets before jobs, as when a set is renamed: in another order two transactions could deadlock.
@@ -555,7 +555,7 @@ class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
         """Return the robot's name and the text for searches, for a new set."""
         return _set_name_columns(record.name, value_of_parent(parent_rows, "robot_id"), record.serial_number)
 
-    def _rename(self, connection: sa.Connection, identifier: str) -> None:
+    def _update_name_copies(self, connection: sa.Connection, identifier: str) -> None:
         """Update the copies of a set's name in its own row and in its jobs."""
         _copy_names(connection, measurement_sets.c.id, identifier)
         _copy_names(connection, jobs.c.measurement_set_id, identifier)

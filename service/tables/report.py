@@ -293,15 +293,11 @@ def _format_value(value: object, unit: _Unit, units: _RequestUnits, kind: JointK
         kind: kind of the joint to which the value belongs; None if unknown.
     """
     if isinstance(value, Message):
-        parts = (
-            (
-                name.replace("_", " "),
-                _format_short(part, units.unit_of_field(type(value).model_fields[name]), units, kind),
-            )
-            for name, part in ((name, getattr(value, name)) for name in type(value).model_fields)
-            if part is not None
+        return ", ".join(
+            f"{name.replace('_', ' ')} {_format_short(part, units.unit_of_field(field), units, kind)}"
+            for name, field in type(value).model_fields.items()
+            if (part := getattr(value, name)) is not None
         )
-        return ", ".join(f"{name} {text}" for name, text in parts)
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int | float):
@@ -315,16 +311,23 @@ def _format_value(value: object, unit: _Unit, units: _RequestUnits, kind: JointK
         )
     if isinstance(value, Sequence) and not isinstance(value, str):
         if value and all(isinstance(part, int | float) and not isinstance(part, bool) for part in value):
-            if joint_units := units.units_of_joints(value, unit):
-                texts = (
-                    _format_value(part, _Unit(joint_unit, joint_unit), units)
-                    for part, joint_unit in zip(value, joint_units, strict=True)
-                )
-                return f"({', '.join(texts)})"
-            factor, name = _SHOWN_UNITS.get(unit.for_kind(kind), (1.0, unit.for_kind(kind)))
-            return f"({', '.join(_format_number(factor * part) for part in value)}) {name}".strip()
+            return _format_numbers(value, unit, units, kind)
         return "; ".join(_format_value(part, unit, units, kind) for part in value)
     return str(value)
+
+
+def _format_numbers(
+    values: Sequence[float], unit: _Unit, units: _RequestUnits, kind: JointKind | None
+) -> str:
+    """Return a list of numbers in brackets, with their common unit behind, or each with its joint's unit."""
+    if joint_units := units.units_of_joints(values, unit):
+        texts = (
+            _format_value(value, _Unit(joint_unit, joint_unit), units)
+            for value, joint_unit in zip(values, joint_units, strict=True)
+        )
+        return f"({', '.join(texts)})"
+    factor, name = _SHOWN_UNITS.get(unit.for_kind(kind), (1.0, unit.for_kind(kind)))
+    return f"({', '.join(_format_number(factor * value) for value in values)}) {name}".strip()
 
 
 def _format_number(value: float) -> str:

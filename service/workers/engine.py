@@ -124,11 +124,11 @@ class Queue:
             return True
         return any(job_of(row.workflow_id) != job_id for row in waiting_rows)
 
-    def pending(self) -> dict[str, str]:
+    def claimed_parts(self) -> dict[str, str]:
         """Return part's id → name of its worker, for the parts that workers have claimed and not finished."""
         return {row.workflow_id: str(row.executor_id) for row in self._list_rows(status="PENDING")}
 
-    def hand_over(self, parts: Iterable[str]) -> None:
+    def put_back(self, parts: Iterable[str]) -> None:
         """Put claimed parts back into the queue, for any worker to take; DBOS counts no failed attempt.
 
         `parts` are the ids of the parts.
@@ -266,8 +266,8 @@ class Engine(Queue):
         """
         self._is_stopping.set()
         for _ in range(2):  # a part may be claimed while others are being offered
-            pending = self.pending().items()
-            self.hand_over(part for part, executor in pending if executor == self._executor)
+            pending = self.claimed_parts().items()
+            self.put_back(part for part, executor in pending if executor == self._executor)
             self._is_closed.wait(2.0 * _POLL_SECONDS)
 
     def close(self) -> None:
@@ -276,7 +276,7 @@ class Engine(Queue):
         self._is_closed.set()
         super().close()
 
-    def active(self) -> dict[str, float]:
+    def running_parts(self) -> dict[str, float]:
         """Return part's id → processor time of its thread [s], for the parts running in this process."""
         seconds_by_part = {}
         for part_id, clock in list(self._clocks.items()):

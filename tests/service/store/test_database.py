@@ -370,7 +370,7 @@ def test_an_unfinished_run_of_a_saved_file_goes_on_where_it_stood(tmp_path, monk
     with Store.open(f"sqlite:///{saved}") as store, closing(Claims(store, f"sqlite:///{saved}")) as claims:
         runs = runs_of(store, claims.enqueue)
         assert (runs.current(run.id).state, runs.current(run.id).progress.done) == ("running", 100)
-        Recovery(store, lambda _: runs, claims, "another").look()
+        Recovery(store, lambda _: runs, claims, "another").check_and_recover()
         claims.work_all(lambda _: runs, "another")
         assert (runs.current(run.id).state, runs.current(run.id).result) == ("succeeded", expected)
 

@@ -387,7 +387,7 @@ def test_a_worker_that_dies_before_any_of_its_commits_loses_nothing(store, claim
         run = runs.create(run_request(stored), None)
         is_dead = work_until_killed(store, claims, runs, deaths + 1)
         assert runs.current(run.id).progress.done in {0, 100, 200, 300}
-        Recovery(store, lambda _: runs, claims, "alive").look()
+        Recovery(store, lambda _: runs, claims, "alive").check_and_recover()
         claims.work_all(lambda _: runs, "alive")
         ended = runs.current(run.id)
         assert (ended.state, ended.progress.done, ended.result) == ("succeeded", 300, expected), deaths
