@@ -370,7 +370,7 @@ def _plans(urls: list[str]) -> Section:
             store.runs_with_numbers("x", 100)
             store.sets_of_robot("x")
             store.open_jobs(["run"])
-            store.unfinished_among(["x"])
+            store.find_unfinished_jobs(["x"])
         found.append(tuple(plans))
     rows = tuple((plan,) for plan in dict.fromkeys(found[0]))
     figure = Figure(

@@ -71,7 +71,7 @@ class _RequestedFile:
 _MakeContent = Callable[[_RequestedFile], Content]
 
 
-def needs_no_work(kind: AnyKind, name: str) -> bool:
+def is_stored_file(kind: AnyKind, name: str) -> bool:
     """Return whether this file of a kind of job is stored with the result, so that nothing is computed."""
     # The compensated program is the only file whose content the result of a job contains.
     return _find_content_makers(kind).get(name) is _make_program_file

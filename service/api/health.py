@@ -262,7 +262,7 @@ class Metrics:
         # A limiter of its own, so that the metrics never wait for other requests.
         limiter = CapacityLimiter(1)
 
-        async def answer(scope: Scope, receive: Receive, send: Send) -> None:
+        async def answer_or_forward(scope: Scope, receive: Receive, send: Send) -> None:
             """Answer a request for metrics on their port; hand any other request to `app`."""
             if scope["type"] != "http" or scope["server"][1] != port:
                 await app(scope, receive, send)
@@ -270,7 +270,7 @@ class Metrics:
             text = await run_sync(generate_latest, self.registry, limiter=limiter)
             await Response(text, headers={"Content-Type": CONTENT_TYPE_LATEST})(scope, receive, send)
 
-        return answer
+        return answer_or_forward
 
 
 class _GaugeCollector(Collector):

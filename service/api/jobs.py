@@ -26,7 +26,7 @@ from jointstiff.service.api import answers
 from jointstiff.service.api.bodies import BodyRoute, Key, json_body, limiter_of_large_work
 from jointstiff.service.api.description import describe_problems
 from jointstiff.service.api.examples import EXAMPLES
-from jointstiff.service.api.files import FILES, FILES_DESCRIPTION, make_file, needs_no_work
+from jointstiff.service.api.files import FILES, FILES_DESCRIPTION, is_stored_file, make_file
 from jointstiff.service.jobs import Jobs
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
@@ -377,6 +377,6 @@ async def get_job_file(
     """Get a file of a job."""
     jobs = await run_in_threadpool(parts.jobs_of, job_id)
     # Computing a file may take seconds: the limiter keeps threads free for other requests.
-    limiter = None if needs_no_work(jobs.kind, name) else limiter_of_large_work(request)
+    limiter = None if is_stored_file(jobs.kind, name) else limiter_of_large_work(request)
     content = await run_sync(make_file, request, parts, jobs, job_id, name, query, limiter=limiter)
     return answers.answer_with_tag(request, content.body, content.media_type, content.headers)

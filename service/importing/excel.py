@@ -194,10 +194,10 @@ def _find_number_kinds(archive: Archive, part: str | None) -> dict[str, CellKind
                 codes[number] = child.get("formatCode", "")
             elif name == "xf":
                 formats.append(number)
-    return {str(index): _number_kind(number, codes.get(number)) for index, number in enumerate(formats)}
+    return {str(index): _find_number_kind(number, codes.get(number)) for index, number in enumerate(formats)}
 
 
-def _number_kind(number: str, code: str | None) -> CellKind:
+def _find_number_kind(number: str, code: str | None) -> CellKind:
     """Return the kind of the numbers in cells of a format: number, date or percentage.
 
     Args:

@@ -290,7 +290,7 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
 
 
 def _parse_quantity(header: str, base: str, state_words: Mapping[str, State]) -> Meaning:
-    """Return the meaning of a header: a joint, a vector's coordinate, or one of a position.
+    """Return the meaning of a header: a joint, or a coordinate of a vector or a position.
 
     `header` is the whole text, for messages; `base` is the header without its unit.
 

@@ -175,14 +175,14 @@ def _assume_columns(grid: Grid, width: int, *, by_order: bool) -> Heading:
 
 
 def _find_header_in_rows(grid: Grid, words: Vocabulary) -> Heading:
-    """Return the header in the first rows: rows whose cells are all known headers, else the rows with most.
+    """Return the header in the first rows: rows with known headers only, else those with most of them.
 
     Raises:
         ImportFileError: no row of data follows, or a row above the header looks like data.
     """
     start, count, texts = 0, 1, grid.rows[0].cells
     most_known = 0
-    for first_row, row_count, column_texts in _yield_candidates(grid, words):
+    for first_row, row_count, column_texts in _yield_possible_headers(grid, words):
         known = words.count_known(column_texts)
         if known > most_known:
             start, count, texts = first_row, row_count, column_texts
@@ -203,7 +203,7 @@ def _find_header_in_rows(grid: Grid, words: Vocabulary) -> Heading:
     return Heading(grid.file, texts, lines, start + count, count > 1, tuple(notes))
 
 
-def _yield_candidates(grid: Grid, words: Vocabulary) -> Iterator[tuple[int, int, tuple[str, ...]]]:
+def _yield_possible_headers(grid: Grid, words: Vocabulary) -> Iterator[tuple[int, int, tuple[str, ...]]]:
     """Yield the possible headers: index of the first row, number of rows, and text of each column.
 
     Of the headers that begin in the same row, those with more rows come first.
@@ -646,7 +646,7 @@ class ColumnReader:
     def _decide_unit(self, meaning: Meaning, axes_unit: str | None) -> str | None:
         """Return the unit of a column, as stated by its header, else a comment, else the option `units`.
 
-        Return None if no source states a unit. `of_axes` is the unit of x, y and z in a comment.
+        Return None if no source states a unit. `axes_unit` is the unit of x, y and z in a comment.
 
         Raises:
             ImportFileError: two of these sources state different units.

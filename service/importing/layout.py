@@ -47,7 +47,7 @@ def understand_table(grid: Grid, options: ImportOptions, faults: Faults) -> Layo
     """
     vocabulary = Vocabulary(options)
     heading = find_heading(grid, vocabulary, options)
-    remarks = sorted([*grid.comments, *_titles_above(grid, heading)])
+    remarks = sorted([*grid.comments, *_read_titles_above(grid, heading)])
     axes_unit, frame = _read_remarks(grid.file, remarks)
     heading, rows = _fit_lengths(grid, heading, faults)
     headers = ["" if heading.assumed else text for text in heading.texts]
@@ -144,7 +144,7 @@ _UNIT: Final = re.compile(
 """A word in brackets, behind `in`, or a unit that is not of a number, as a reflector's diameter would be."""
 
 
-def _titles_above(grid: Grid, heading: Heading) -> list[Remark]:
+def _read_titles_above(grid: Grid, heading: Heading) -> list[Remark]:
     """Return the rows above the header as remarks; a row `Frame;A::R0` gives the text `Frame: A::R0`."""
     titles = []
     for row in grid.rows[: max(0, heading.start - len(heading.lines))]:
@@ -304,7 +304,7 @@ def _check_end_of_file(grid: Grid, rows: Sequence[Row], faults: Faults) -> str |
 def _drop_deleted_rows(
     grid: Grid, rows: tuple[Row, ...], columns: Columns, faults: Faults, *, numbered: bool
 ) -> tuple[Row, ...]:
-    """Return the rows that the column `deleted` does not mark as deleted; all rows without this column.
+    """Return the rows that the column `deleted` does not mark as deleted; all rows if it is missing.
 
     If rows are `numbered` because they have no labels, a deleted row is a fault: the numbers of the rows
     behind it are not certain.

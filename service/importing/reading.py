@@ -255,7 +255,7 @@ class _Reader:
         return Understood(preview, tuple(self._faults.found))
 
     def _add_fault_rows(self, preview: FilePreview) -> FilePreview:
-        """Return the preview of a file with the cells and lines of those rows with faults that it lacks."""
+        """Return the preview of a file, extended by rows with faults that the preview does not show yet."""
         known = {*preview.header_lines, *preview.first_lines}
         places = (fault.place for fault in self._faults.found)
         lines = {place.line for place in places if place.file == preview.file} - known
@@ -376,7 +376,7 @@ def _merge_by_label(records: Iterable[ObservationRecord], faults: Faults) -> lis
 
 
 def _report_duplicate(what: str, place: Place, first_place: Place, faults: Faults) -> None:
-    """Report that `what` occurs at a place, and occurred before at the place `before`."""
+    """Report that `what` occurs at a place, and occurred before at `first_place`."""
     faults.report(place, f"{what} occurs twice, first at {first_place}", "rename or remove one of them")
 
 

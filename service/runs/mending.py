@@ -204,7 +204,7 @@ def _convert_typed_lengths(measured: _Set, old_metres: float, new_metres: float)
     """
 
     def conversion_factor(number: float, usual_size: float) -> float:
-        """Return old / new unit if the number is nearer to a usual size [m] in the old unit, else 1."""
+        """Return the factor from old to new unit; 1 if the number is more usual in the new unit."""
         is_in_old_unit = number == 0.0 or abs(log(old_metres * number / usual_size)) <= abs(
             log(new_metres * number / usual_size)
         )

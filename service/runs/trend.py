@@ -244,7 +244,7 @@ def _compute_log_stiffness(
 def _summarise_joint(
     campaigns: Sequence[Campaign], name: str, change: Change | None, test_count: int
 ) -> messages.TrendJoint:
-    """Return a joint's points and its change; `tested` is the number of joints tested for a change."""
+    """Return a joint's points and its change; `test_count` is the number of joints tested."""
     return messages.TrendJoint(
         name=name,
         kind=next(
@@ -458,7 +458,7 @@ class Trends:
         return summary
 
     def renew_outdated_summaries(self, limit: int) -> None:
-        """Renew the outdated summaries of at most `most` robots, so that listing the robots is fast."""
+        """Renew the outdated summaries of at most `limit` robots, so that listing the robots is fast."""
         for entry in self._store.robots.list_outdated(limit):
             self.last_campaign(entry)
 

@@ -63,7 +63,7 @@ class AccessKeys:
         revoking = (
             sa.update(access_keys).where(is_key, access_keys.c.revoked_at.is_(None)).values(revoked_at=now)
         )
-        self._database.change(revoking, *_end_sessions([key_id]))
+        self._database.change(revoking, *_make_session_deletions([key_id]))
         for row in self._database.rows(_KEYS.where(is_key)):
             return AccessKey(*row)
         raise NotFoundError(KEY, key_id)
@@ -124,7 +124,7 @@ class Sessions:
 
     def end_sessions_of_keys(self, key_ids: Sequence[str]) -> None:
         """End all sessions of some keys, and remove the links that can begin sessions of these keys."""
-        self._database.change(*_end_sessions(key_ids))
+        self._database.change(*_make_session_deletions(key_ids))
 
     def offer(self, token_hash: str, key_id: str, now: datetime, ends_at: datetime) -> None:
         """Store a link that can begin one session of a key until a time; remove links that have ended."""
@@ -151,7 +151,7 @@ class Sessions:
         return sa.and_(columns.used_at > now - self._idle, columns.created_at > now - self._longest)
 
 
-def _end_sessions(key_ids: Sequence[str]) -> list[sa.Delete]:
+def _make_session_deletions(key_ids: Sequence[str]) -> list[sa.Delete]:
     """Return the statements that delete all sessions of some keys, and their links."""
     return [sa.delete(table).where(table.c.key_id.in_(key_ids)) for table in (access_sessions, access_links)]
 

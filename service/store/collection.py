@@ -358,7 +358,7 @@ class Collection(Generic[Record, Entry]):
         return select_fields_of(self._table, self._entry)
 
     def _copied_names(self, record: Record, parent_rows: Mapping[str, Any]) -> dict[str, str | None]:  # noqa: ARG002 - subclasses use it
-        """Return columns for listings that hold copies of names, also of the records it refers to.
+        """Return column → text for the columns that hold copies of the names of a record and of its parents.
 
         Args:
             record: record that is about to be stored.
@@ -396,7 +396,7 @@ class Collection(Generic[Record, Entry]):
         """
         parent_rows = {}
         for column, table, identifier in self._list_parents(record):
-            row = connection.execute(_lock_parent_query(table), {"id": identifier}).one_or_none()
+            row = connection.execute(_make_parent_locking_query(table), {"id": identifier}).one_or_none()
             if row is not None and row.deleted_at is not None:
                 raise problems.DeletedError(PARENTS[table], identifier)
             parent_rows[column.name] = row
@@ -623,7 +623,7 @@ def job_name_columns(
     }
 
 
-def _set_names_query(table: sa.Table, serial_number: sa.ColumnElement[Any]) -> sa.Select[Any]:
+def _make_set_names_query(table: sa.Table, serial_number: sa.ColumnElement[Any]) -> sa.Select[Any]:
     """Return the query of sequence, name, robot's name and serial number of the sets in a table."""
     names = sa.select(table.c.sequence, table.c.name, robots.c.name, serial_number)
     return names.join_from(table, robots, robots.c.id == table.c.robot_id)
@@ -634,10 +634,10 @@ _NAME_QUERIES: Final[Mapping[sa.Table, tuple[sa.Select[Any], Callable[..., dict[
         {
             robots: (sa.select(robots.c.sequence, robots.c.name), _robot_name_columns),
             measurement_sets: (
-                _set_names_query(measurement_sets, measurement_sets.c.serial_number),
+                _make_set_names_query(measurement_sets, measurement_sets.c.serial_number),
                 _set_name_columns,
             ),
-            open_sets: (_set_names_query(open_sets, sa.null()), _set_name_columns),
+            open_sets: (_make_set_names_query(open_sets, sa.null()), _set_name_columns),
             jobs: (
                 sa.select(
                     jobs.c.sequence,
@@ -676,7 +676,7 @@ def mark_campaigns_outdated(connection: sa.Connection, where: sa.ColumnElement[b
 
 
 @cache
-def _lock_parent_query(table: sa.Table) -> sa.Select[Any]:
+def _make_parent_locking_query(table: sa.Table) -> sa.Select[Any]:
     """Return the query that locks a row, given its id, and reads its names and its time of deletion."""
     columns = [table.c[name] for name in ("deleted_at", "name", "serial_number") if name in table.c]
     return sa.select(*columns).where(table.c.id == sa.bindparam("id")).with_for_update(read=True)

@@ -144,7 +144,7 @@ def parse_cursor(cursor: str) -> int:
 
 
 def is_indexable(text: str) -> bool:
-    """Return whether both databases can hold a text in an index; no stored id or name is another text."""
+    """Return whether both databases can hold a text in an index, as they do with all ids and names."""
     if len(text) > _MAX_INDEXED or "\x00" in text:
         return False
     try:

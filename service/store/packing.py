@@ -62,12 +62,12 @@ def unpack_bytes(packed: bytes) -> bytes:
 
 def _pack_words(words: str) -> bytes:
     """Compress a text with the dictionary of frequent words."""
-    stream = zlib.compressobj(_LEVEL, zdict=_dictionary())
+    stream = zlib.compressobj(_LEVEL, zdict=_read_dictionary())
     return stream.compress(words.encode()) + stream.flush()
 
 
 @cache
-def _dictionary() -> bytes:
+def _read_dictionary() -> bytes:
     """Return the dictionary of zlib: frequent words. With another dictionary stored texts cannot be read."""
     lines = Path(__file__).with_name("dictionary.txt").read_text(encoding="utf-8").splitlines()
     return "".join(lines).replace("#", _NUMBER_PLACE).encode()
@@ -79,7 +79,7 @@ def _decompress_first_stream(packed: bytes) -> tuple[bytes, bytes]:
     Raises:
         DamagedError: the stream is damaged, or its content larger than `MOST_BYTES`.
     """
-    stream = zlib.decompressobj(zdict=_dictionary())
+    stream = zlib.decompressobj(zdict=_read_dictionary())
     try:
         content = stream.decompress(packed, MOST_BYTES)
     except zlib.error as error:

@@ -355,14 +355,14 @@ def _make_numbered_table(
     )
 
 
-def _index(name: str, *columns: str, where: str | None = None) -> sa.Index:
+def _make_index(name: str, *columns: str, where: str | None = None) -> sa.Index:
     """Return an index of some columns, then `sequence`; with `where` only of rows that meet it."""
     condition = None if where is None else sa.text(where)
     ordered = columns if "sequence" in columns else (*columns, "sequence")
     return sa.Index(f"ix_{name}", *ordered, sqlite_where=condition, postgresql_where=condition)
 
 
-def _listing_indexes(name: str, *columns: str, covering: Iterable[str] = ()) -> list[sa.Index]:
+def _make_listing_indexes(name: str, *columns: str, covering: Iterable[str] = ()) -> list[sa.Index]:
     """Return two indexes, in order of time and of name, from which a page is found without reading rows.
 
     Args:
@@ -373,17 +373,17 @@ def _listing_indexes(name: str, *columns: str, covering: Iterable[str] = ()) -> 
     # For a column of a condition that is not in the index SQLite would read the row.
     covered = [*covering, "deleted_at"]
     return [
-        _index(f"{name}_listed", *columns, "sequence", *covered, "words", where=VISIBLE),
-        _index(f"{name}_words", *columns, "words", "sequence", *covered, where=VISIBLE),
+        _make_index(f"{name}_listed", *columns, "sequence", *covered, "words", where=VISIBLE),
+        _make_index(f"{name}_words", *columns, "words", "sequence", *covered, where=VISIBLE),
     ]
 
 
-def _deletion_index(name: str) -> sa.Index:
+def _make_deletion_index(name: str) -> sa.Index:
     """Return the index of deleted rows, in order of the time of deletion."""
-    return _index(f"{name}_deleted_at", "deleted_at", where="deleted_at IS NOT NULL")
+    return _make_index(f"{name}_deleted_at", "deleted_at", where="deleted_at IS NOT NULL")
 
 
-def _with_listing_columns(*columns: sa.Column[Any]) -> list[sa.Column[Any]]:
+def _add_listing_columns(*columns: sa.Column[Any]) -> list[sa.Column[Any]]:
     """Return the given columns and those that every listed table has: `words` and `deleted_at`."""
     return [
         *columns,
@@ -402,12 +402,12 @@ NAMES: Final = sa.String().with_variant(sa.String(collation="C"), "postgresql")
 robots = _make_numbered_table(
     "robots",
     RobotRecord,
-    *_with_listing_columns(),
+    *_add_listing_columns(),
     indexes=[
-        *_listing_indexes("robots"),
-        _deletion_index("robots"),
-        _index("robots_name", "name", where=VISIBLE),
-        _index("robots_content_hash", "content_hash", where=VISIBLE),
+        *_make_listing_indexes("robots"),
+        _make_deletion_index("robots"),
+        _make_index("robots_name", "name", where=VISIBLE),
+        _make_index("robots_content_hash", "content_hash", where=VISIBLE),
     ],
 )
 
@@ -425,14 +425,14 @@ sa.Index(
 measurement_sets = _make_numbered_table(
     "measurement_sets",
     MeasurementSetRecord,
-    *_with_listing_columns(sa.Column("robot_name", sa.String)),
+    *_add_listing_columns(sa.Column("robot_name", sa.String)),
     references={"robot_id": "robots.id"},
     indexes=[
-        *_listing_indexes("measurement_sets", covering=["encoders"]),
-        _deletion_index("measurement_sets"),
-        _index("measurement_sets_robot_id", "robot_id"),
+        *_make_listing_indexes("measurement_sets", covering=["encoders"]),
+        _make_deletion_index("measurement_sets"),
+        _make_index("measurement_sets_robot_id", "robot_id"),
         *(
-            _index(f"measurement_sets_{column}", column, where=VISIBLE)
+            _make_index(f"measurement_sets_{column}", column, where=VISIBLE)
             for column in ("name", "content_hash", "serial_number", "operator", "instrument", "measured_at")
         ),
     ],
@@ -441,12 +441,12 @@ measurement_sets = _make_numbered_table(
 open_sets = _make_numbered_table(
     "open_sets",
     OpenSetRecord,
-    *_with_listing_columns(sa.Column("robot_name", sa.String)),
+    *_add_listing_columns(sa.Column("robot_name", sa.String)),
     references={"robot_id": "robots.id"},
     indexes=[
-        *_listing_indexes("open_sets"),
-        _deletion_index("open_sets"),
-        _index("open_sets_robot_id", "robot_id"),
+        *_make_listing_indexes("open_sets"),
+        _make_deletion_index("open_sets"),
+        _make_index("open_sets_robot_id", "robot_id"),
     ],
 )
 
@@ -456,7 +456,7 @@ _JOB_FILTER_COLUMNS: Final = ("state", "verdict", "method", "weighting", "elasti
 jobs = _make_numbered_table(
     "jobs",
     JobRecord,
-    *_with_listing_columns(
+    *_add_listing_columns(
         *(sa.Column(name, sa.String) for name in ("robot_name", "measurement_set_name", "serial_number"))
     ),
     references={
@@ -465,15 +465,15 @@ jobs = _make_numbered_table(
         "robot_id": "robots.id",
     },
     indexes=[
-        *_listing_indexes("jobs", covering=["kind", *_JOB_FILTER_COLUMNS]),
+        *_make_listing_indexes("jobs", covering=["kind", *_JOB_FILTER_COLUMNS]),
         # Indexes for each kind, so that listing a kind with few jobs is faster than listing all jobs.
-        *_listing_indexes("jobs_kind", "kind", covering=_JOB_FILTER_COLUMNS),
-        _deletion_index("jobs"),
-        _index("jobs_open", "kind", where=OPEN),
-        _index("jobs_robot_id", "robot_id", "kind"),
-        _index("jobs_measurement_set_id", "measurement_set_id"),
-        _index("jobs_second_set_id", "second_set_id"),
-        _index("jobs_name", "kind", "name", where=VISIBLE),
+        *_make_listing_indexes("jobs_kind", "kind", covering=_JOB_FILTER_COLUMNS),
+        _make_deletion_index("jobs"),
+        _make_index("jobs_open", "kind", where=OPEN),
+        _make_index("jobs_robot_id", "robot_id", "kind"),
+        _make_index("jobs_measurement_set_id", "measurement_set_id"),
+        _make_index("jobs_second_set_id", "second_set_id"),
+        _make_index("jobs_name", "kind", "name", where=VISIBLE),
     ],
 )
 
@@ -525,9 +525,9 @@ access_links = sa.Table(
 )
 
 # Journals refer to nothing: they outlive the robots and the runs that they name.
-audit = _make_numbered_table("audit", AuditEntry, indexes=[_index("audit_key_id", "key_id")])
+audit = _make_numbered_table("audit", AuditEntry, indexes=[_make_index("audit_key_id", "key_id")])
 live_entries = _make_numbered_table(
-    "live_entries", LiveEntry, indexes=[_index("live_entries_set_id", "set_id")]
+    "live_entries", LiveEntry, indexes=[_make_index("live_entries_set_id", "set_id")]
 )
 _unique_columns = [live_entries.c[name] for name in ("set_id", "change", "label")]
 sa.Index("ix_live_entries_once", *_unique_columns, unique=True)

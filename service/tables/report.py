@@ -269,15 +269,17 @@ def _list_fields(message: Message, units: _RequestUnits, label_prefix: str) -> I
         if isinstance(value, Message):
             yield from _list_fields(value, units, f"{label}: ")
         elif isinstance(value, Sequence) and value and isinstance(value[0], Message):
-            lines = [_format_short(item, unit, units) for item in value]
+            lines = [_format_or_summarise(item, unit, units) for item in value]
             yield label, "\n".join(lines) if len(lines) <= _MAX_LINES else _summarise(value)
         elif value is None or value in ("", [], (), {}):
             yield label, ""
         else:
-            yield label, _format_short(value, unit, units)
+            yield label, _format_or_summarise(value, unit, units)
 
 
-def _format_short(value: object, unit: _Unit, units: _RequestUnits, kind: JointKind | None = None) -> str:
+def _format_or_summarise(
+    value: object, unit: _Unit, units: _RequestUnits, kind: JointKind | None = None
+) -> str:
     """Return a value as text; a text that is too long is replaced by its length and hash."""
     text = _format_value(value, unit, units, kind)
     return text if len(text) <= _MAX_CHARACTERS else _summarise(value)
@@ -294,7 +296,7 @@ def _format_value(value: object, unit: _Unit, units: _RequestUnits, kind: JointK
     """
     if isinstance(value, Message):
         return ", ".join(
-            f"{name.replace('_', ' ')} {_format_short(part, units.unit_of_field(field), units, kind)}"
+            f"{name.replace('_', ' ')} {_format_or_summarise(part, units.unit_of_field(field), units, kind)}"
             for name, field in type(value).model_fields.items()
             if (part := getattr(value, name)) is not None
         )

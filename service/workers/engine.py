@@ -244,7 +244,7 @@ class Engine(Queue):
                 # `stop` offers this part to other workers. While this thread waits, DBOS claims no part.
                 self._is_closed.wait()
                 return
-            self._clocks[name] = _clock_of_thread()
+            self._clocks[name] = _find_thread_clock()
             try:
                 carry_out(part)
             except Exception:
@@ -297,7 +297,7 @@ class Engine(Queue):
             DBOS._recover_pending_workflows(worker_names)
 
 
-def _clock_of_thread() -> int | None:
+def _find_thread_clock() -> int | None:
     """Return the id of the clock of this thread's processor time; None if the system has no such clock."""
     clock = getattr(time, "pthread_getcpuclockid", None)
     return None if clock is None else int(clock(threading.get_ident()))

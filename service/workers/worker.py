@@ -109,7 +109,7 @@ class Recovery:
         tasks: list[Callable[[], object]] = [
             lambda: self._engine.recover(set(worker_by_part.values()) - workers_not_dead),
             self._fail_given_up_jobs,
-            lambda: self._engine.remove_ended_parts(self._store.unfinished_among),
+            lambda: self._engine.remove_ended_parts(self._store.find_unfinished_jobs),
             lambda: purge(self._store, self._now() - KEEP_DELETED),
             lambda: self._trends.renew_outdated_summaries(_MAX_RENEWED),
         ]

@@ -490,7 +490,7 @@ def test_what_each_look_of_a_worker_reads_is_found_by_an_index(store):
         engine = connection.engine
     sa.event.listen(engine, "before_cursor_execute", show)
     store.open_jobs([kind.name for kind in KINDS])
-    store.unfinished_among(["a", "b"])
+    store.find_unfinished_jobs(["a", "b"])
     assert len(plans) == 2
     for plan in plans:
         text = "\n".join(map(str, plan))

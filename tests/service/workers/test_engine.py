@@ -66,7 +66,7 @@ def test_a_run_is_carried_out_and_ends_with_the_numbers_of_one_process(store, qu
         engines.append(engine)
         until(lambda: runs.current(run.id).state == "succeeded")
         until(lambda: engine.claimed_parts() == {})
-        engine.remove_ended_parts(store.unfinished_among)
+        engine.remove_ended_parts(store.find_unfinished_jobs)
         assert rows(engine) == {}
     at_once = runs_of(store).create(run_request(run.measurement_set_id), None)
     assert runs.current(run.id).result == runs_of(store).current(at_once.id).result
