@@ -76,7 +76,7 @@ def test_other_tables_are_another_layout() -> None:
         for table in metadata.sorted_tables
         for each in (CreateTable(table), *map(CreateIndex, indexes_of(table)))
     ]
-    digest = hashlib.sha256("".join([*made, packing._dictionary().decode()]).encode()).hexdigest()[:16]
+    digest = hashlib.sha256("".join([*made, packing._read_dictionary().decode()]).encode()).hexdigest()[:16]
     assert (LAYOUT, digest) == ("0013_year", "d56b53a55ca97566")
 
 
