@@ -329,7 +329,7 @@ class Columns:
 
     @property
     def needed(self) -> frozenset[str]:
-        """Those of `target` and `state` that neither headers nor a column give, so that names have to."""
+        """Kinds among `target` and `state` that no header and no column gives, so that names have to."""
         positions = [quantity for quantity in self.quantities if quantity.kind == "position"]
         not_in_headers = [
             kind
