@@ -78,6 +78,7 @@ class _FollowedJob:
             return
         self.has_ended = event is None or event.event == "end"
         self.event = event or self.event
+        # Streams that wait for this event are woken; their next wait needs a new one.
         self.changed.set()
         self.changed = asyncio.Event()
 

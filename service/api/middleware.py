@@ -209,7 +209,7 @@ class Observed:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        if KNOWN_ID in scope:
+        if KNOWN_ID in scope:  # another process of the service counts and logs this request
             REQUEST_ID.set(scope[KNOWN_ID])
             await self._app(scope, receive, send)
             return

@@ -263,6 +263,7 @@ def _find_delimiter(file: str, lines: Sequence[_Line]) -> Delimiter:
             return mark
     if 2 * sum("," in text for text in last_lines) <= len(last_lines) and "," not in lines[0][1]:
         return "whitespace"
+    # The first row may be a header, whose names may contain numbers and blanks.
     rows = _split_into_equal_rows(file, lines, "comma")
     can_be_comma = bool(rows) and not any(
         _NUMBERS_IN_A_CELL.search(cell) for row in rows[1:] or rows for cell in row

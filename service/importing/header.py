@@ -194,6 +194,7 @@ def _find_header_in_rows(grid: Grid, words: Vocabulary) -> Heading:
         raise ImportFileError(place, "the file has a header but no row of data", "check the file")
     lines = tuple(row.line for row in grid.rows[start : start + count])
     for row in grid.rows[:start]:
+        # A title has at most one number, and few filled cells.
         if count_numbers(row) > 1 or sum(map(bool, row.cells)) > max(2, len(texts) // 2):
             reason = f"the row is above the header in line {lines[0]}, but looks like data"
             raise ImportFileError(grid.place(row), reason, "move it below the header, or remove it")
@@ -228,6 +229,7 @@ def _merge_rows(rows: Sequence[tuple[str, ...]], words: Vocabulary) -> tuple[str
         return None
     width = max(len(upper), len(lower))
     upper, lower = (cells + ("",) * (width - len(cells)) for cells in (upper, lower))
+    # A lower row of nothing but units is appended to the names above.
     if all(cell in _NO_UNIT or grammar.find_any_unit(cell.strip("[]() ")) for cell in lower if cell):
         return tuple(_append_unit(name, unit) for name, unit in zip(upper, lower, strict=True))
     return _combine_with_groups(upper, lower, words)

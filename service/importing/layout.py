@@ -49,7 +49,7 @@ def understand_table(grid: Grid, options: ImportOptions, faults: Faults) -> Layo
     heading = find_heading(grid, vocabulary, options)
     remarks = sorted([*grid.comments, *_read_titles_above(grid, heading)])
     axes_unit, frame = _read_remarks(grid.file, remarks)
-    heading, rows = _fit_lengths(grid, heading, faults)
+    heading, rows = _fit_rows_to_heading(grid, heading, faults)
     headers = ["" if heading.assumed else text for text in heading.texts]
     if options.layouts:
         _check_template(options, headers, heading.place(), faults)
@@ -210,7 +210,7 @@ def _check_units(file: str, remarks: Sequence[Remark], columns: Columns, faults:
 # ---- the rows of data
 
 
-def _fit_lengths(grid: Grid, heading: Heading, faults: Faults) -> tuple[Heading, tuple[Row, ...]]:
+def _fit_rows_to_heading(grid: Grid, heading: Heading, faults: Faults) -> tuple[Heading, tuple[Row, ...]]:
     """Return the heading, and the rows of data that have as many cells as the heading has columns.
 
     Columns at the end are left out if their headers and all of their cells are empty. Rows of another length
@@ -221,6 +221,7 @@ def _fit_lengths(grid: Grid, heading: Heading, faults: Faults) -> tuple[Heading,
     if len(lengths) == 1:
         row_length = lengths.pop()
         width = max(row_length, len(texts))
+        # Columns at the end that are empty in the header and in all rows are left out.
         while (
             width > 1 and not any(texts[width - 1 :]) and not any(any(row.cells[width - 1 :]) for row in rows)
         ):

@@ -270,6 +270,7 @@ class _Reader:
         for option in ("point_name", "file_name"):
             text = getattr(self._options, option) or ""
             kinds = [kind for kind in ("target", "state") if f"{{{kind}}}" in text]
+            # Headers give a kind that a table neither needs from names nor has as a column.
             kinds_given_elsewhere = [
                 kind
                 for kind in kinds

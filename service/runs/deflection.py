@@ -408,7 +408,7 @@ def prediction_sheet(result: DeflectionResult) -> Sheet:
 
 
 def prediction_charts(result: DeflectionResult) -> list[Chart]:
-    """Return a chart of the displacement of each load case along x, y and z, with its interval."""
+    """Return a list of one chart: the displacement of each load case along x, y and z, with its interval."""
     series = {
         axis: [case.displacement and case.displacement[i] for case in result.cases]
         for i, axis in enumerate("xyz")

@@ -220,8 +220,15 @@ def _compute_log_stiffness(
 ) -> tuple[float, float] | None:
     """Return ln k of a joint's stiffness k, and the standard uncertainty of ln k.
 
-    An error that is equal in both compared campaigns, as a flag says, is left out of the uncertainty. Return
-    None if the joint has no stiffness to compare.
+    An error that is equal in both compared campaigns is left out of the uncertainty. Return None if the joint
+    has no stiffness to compare.
+
+    Args:
+        campaign: one of the two campaigns.
+        name: name of the joint.
+        same_load_cell: True to leave out the stated error of the load cell's scale.
+        same_hook: True to leave out the assumed error of the load point.
+        assumed_cell: True to leave out the assumed error of the load cell's scale.
     """
     joint = campaign.joints.get(name)
     if joint is None or joint.status != "identified" or joint.verdict == "do_not_use":

@@ -194,14 +194,14 @@ class Database:
 
         Broken constraints and wrong statements of this program are raised unchanged.
         """
-        if time.monotonic() < self._away_until:
+        if time.monotonic() < self._away_until:  # set only for a PostgreSQL server
             raise StoreUnavailableError(
                 "the postgresql database does not answer", "check that the server runs, and its address"
             )
         try:
             yield
         except (IntegrityError, DataError, NotSupportedError):
-            raise
+            raise  # the caller handles broken constraints; the other two are mistakes of this program
         except (DBAPIError, PoolTimeoutError) as error:
             cause = error.orig if isinstance(error, DBAPIError) else error
             if _is_wrong_statement(error):

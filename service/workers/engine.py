@@ -158,6 +158,7 @@ class Queue:
         Args:
             find_unfinished: function that takes ids of jobs, and returns the ids of the unfinished jobs.
         """
+        # All pages are read first, because a removal shifts the rows of the pages behind.
         for page in list(self._list_pages(status=["SUCCESS", *_GIVEN_UP_STATES])):
             ended_part_ids = [row.workflow_id for row in page]
             unfinished_jobs = find_unfinished({job_of(part_id) for part_id in ended_part_ids})
