@@ -105,7 +105,7 @@ def create_app(
     )
     app.add_middleware(Methods, routes=app.routes)
     public_paths(app.routes)  # checks the roles of all routes now: middleware is made with the first request
-    app.add_middleware(Guard, posture=posture, gate=gate, audit=Audit(store), routes=app.routes)
+    app.add_middleware(Guard, policy=posture, gate=gate, audit=Audit(store), routes=app.routes)
     app.state.metrics = metrics = Metrics()
     app.add_middleware(Observed, metrics=metrics)
     return app

@@ -220,7 +220,7 @@ class Jobs:
             if kept > part.kept and (span is remaining[0] or must_yield):
                 queue.add_following_parts(job_id, [Part(job_id, number, kept)])
                 return
-            if not stored.keep(job_id, span, pack_arrays(self.work(job_id).compute(span))):
+            if not stored.store_result(job_id, span, pack_arrays(self.work(job_id).compute(span))):
                 return  # the job has ended
             kept += 1
         if (following := number + PARTS_AT_ONCE) < len(parts):

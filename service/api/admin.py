@@ -83,7 +83,7 @@ async def delete_session(gate: InjectedGate, request: Request) -> Response:
 
 
 def _describe_session(gate: Gate, key: AccessKey | None, ends_at: datetime | None) -> access.Session:
-    """Return the description of a session: access control, key with its role, and end; None without a key."""
+    """Return the description of a session: access control; name, role and end of the key, or None."""
     if key is None:
         return access.Session(access=gate.access, key_id=None, key_name=None, role=None, ends_at=None)
     role = cast("access.Role", key.role)

@@ -85,8 +85,8 @@ def answer_with_tag(
         return StreamingResponse(body, media_type=media_type, headers=all_headers)
     content = body.encode() if isinstance(body, str) else body
     all_headers["ETag"] = tag = f'W/"{hashlib.sha256(content).hexdigest()[:32]}"'
-    known = request.headers.get("if-none-match", "")
-    if known.strip() == "*" or tag.removeprefix("W/") in _TAG_PATTERN.findall(known):
+    client_tags = request.headers.get("if-none-match", "")
+    if client_tags.strip() == "*" or tag.removeprefix("W/") in _TAG_PATTERN.findall(client_tags):
         return Response(status_code=304, headers=all_headers)
     return Response(content, media_type=media_type, headers=all_headers)
 

@@ -41,7 +41,7 @@ class Guard:
     """Middleware that checks host, origin and key of a request, refuses or forwards it, and audits it."""
 
     def __init__(
-        self, app: ASGIApp, posture: AccessPolicy, gate: Gate, audit: Audit, routes: Iterable[BaseRoute]
+        self, app: ASGIApp, policy: AccessPolicy, gate: Gate, audit: Audit, routes: Iterable[BaseRoute]
     ) -> None:
         """Wrap an application.
 
@@ -49,14 +49,14 @@ class Guard:
             UndeclaredRoleError: a route has no role.
         """
         self._app = app
-        self._posture, self._gate, self._audit = posture, gate, audit
+        self._policy, self._gate, self._audit = policy, gate, audit
         self._public_paths, self._public_mounts = public_paths(routes)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Forward a request, with its requester in the scope, or refuse it."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
-        elif problem := find_refusal(self._posture, scope):
+        elif problem := find_refusal(self._policy, scope):
             await answer_problem(problem)(scope, receive, send)
         elif REQUESTER in scope:  # another process of the service has identified the requester
             await self._app(scope, receive, send)
@@ -129,13 +129,13 @@ class Methods:
 
     async def _answer_head(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer HEAD with the headers of GET, then cancel GET, because its body may be an endless stream."""
-        with anyio.CancelScope() as rest:
+        with anyio.CancelScope() as get_handler:
 
             async def send_only_headers(message: Message) -> None:
                 """Send the headers and an empty body, then cancel the handler of GET."""
                 await send(message)
                 await send({"type": "http.response.body"})
-                rest.cancel()
+                get_handler.cancel()
                 await checkpoint()
 
             await self._app(
@@ -209,15 +209,14 @@ class Observed:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        if KNOWN_ID in scope:
+        if KNOWN_ID in scope:  # another process of the service counts and logs this request
             REQUEST_ID.set(scope[KNOWN_ID])
             await self._app(scope, receive, send)
             return
         identifier = secrets.token_hex(8)
-        REQUEST_ID.set(
-            identifier
-        )  # for this request's task, also for answers to unexpected errors outside this middleware
-        status, started = 500, time.monotonic()
+        # The id is set for the task of this request, also for answers to errors outside this middleware.
+        REQUEST_ID.set(identifier)
+        status, started_at = 500, time.monotonic()
 
         async def send_and_record_status(message: Message) -> None:
             """Add missing standard headers, send the message, and note the status of the answer."""
@@ -227,20 +226,18 @@ class Observed:
                 for name, value in {**ANSWER_HEADERS, REQUEST_ID_HEADER: identifier}.items():
                     headers.setdefault(name, value)
             await send(message)
-            status = message.get(
-                "status", status
-            )  # only after `send`, which fails if the connection is closed
+            # only after `send`, which fails if the connection is closed
+            status = message.get("status", status)
 
         try:
             await self._app(scope, receive, send_and_record_status)
         finally:
-            seconds = time.monotonic() - started
+            seconds = time.monotonic() - started_at
             method = scope["method"] if scope["method"] in _COUNTED_METHODS else "other"
             route = getattr(scope.get("route"), "path", "other")
             self._metrics.count(method, route, status, seconds)
             if _logger.isEnabledFor(logging.INFO):
-                path = hide_secrets(
-                    scope["path"]
-                )  # hides a key that a client put into the address by mistake
-                line = {"method": method, "path": path, "status": status, "seconds": round(seconds, 4)}
-                _logger.info("%s %s %d", method, path, status, extra=line)
+                # A client may have put a key into the address by mistake.
+                path = hide_secrets(scope["path"])
+                log_fields = {"method": method, "path": path, "status": status, "seconds": round(seconds, 4)}
+                _logger.info("%s %s %d", method, path, status, extra=log_fields)

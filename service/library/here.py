@@ -283,12 +283,12 @@ class Here(Verbs):
             CampaignError: the assessment does not recommend the action, or the action cannot be applied to
                 this campaign.
         """
-        from jointstiff.service.runs.mending import find_advised_action, mend_campaign
+        from jointstiff.service.runs.mending import apply_action_to_campaign, find_advised_action
 
         campaign: messages.Campaign = run.campaign.model_copy(update={"run": extract_run_options(run)})
         with as_campaign_error(""):
             recommended = find_advised_action(cast("Any", run.result).assessment, action)
-            campaign = mend_campaign(campaign, recommended)
+            campaign = apply_action_to_campaign(campaign, recommended)
         return self.identify(campaign)
 
 

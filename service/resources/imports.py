@@ -295,7 +295,7 @@ def _build_measurement_set(
                     for name, place in in_flange.items()
                 },
                 "load_point": lengths.get("load_point"),
-                "measured_at": understood.surroundings.measured_at,
+                "measured_at": understood.times_and_roundings.measured_at,
                 "observations": [_build_observation(one, force) for one in understood.observations],
             }
         )

@@ -379,7 +379,7 @@ class Resources:
         With `set_ids` None for each robot its last measured set with loads.
         """
         chosen = self._find_last_sets_with_loads() if set_ids is None else set_ids
-        found = {row.id: row for row in self.store.sets.named(chosen)}
+        found = {row.id: row for row in self.store.sets.rows_with_names(chosen)}
         for i, set_id in enumerate(chosen):
             if set_id not in found:
                 with _refuse_at_field(f"{where}[{i}]"):
@@ -402,7 +402,7 @@ class Resources:
         order = list(waiting)
         while waiting:
             newest = {sets[0]: robot_id for robot_id, sets in waiting.items()}
-            for set_id, arrays in self.store.sets.arrays(list(newest)):
+            for set_id, arrays in self.store.sets.iterate_arrays(list(newest)):
                 if has_loads(arrays):
                     found[newest[set_id]] = set_id
             left = {robot_id: sets[1:] for robot_id, sets in waiting.items() if robot_id not in found}

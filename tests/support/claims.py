@@ -70,9 +70,9 @@ class Claims(Queue):
 
     def recover(self, executors: Iterable[str]) -> None:
         dead = list(executors)
-        for name, executor in self.pending().items():
+        for name, executor in self.claimed_parts().items():
             if executor in dead:
                 self._client._sys_db.reenqueue_for_recovery(name, dead, _QUEUE)
 
     def stop(self) -> None:
-        self.hand_over(name for name, executor in self.pending().items() if executor == "alive")
+        self.put_back(name for name, executor in self.claimed_parts().items() if executor == "alive")

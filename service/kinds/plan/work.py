@@ -121,7 +121,7 @@ def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResu
             request.accept_verdict,
             "the campaign so far",
             "measurement_set_id",
-            passed_over=_TOO_FEW_READINGS,
+            ignored_codes=_TOO_FEW_READINGS,
         )
     elif prepared is not None:
         settings = Settings.from_options(RunOptions(), robot)
@@ -141,7 +141,7 @@ def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResu
             request.accept_verdict,
             "the campaign so far",
             "measurement_set_id",
-            passed_over=_TOO_FEW_READINGS | _ELASTIC_LINKS
+            ignored_codes=_TOO_FEW_READINGS | _ELASTIC_LINKS
             if screening.links_need_validation
             else _TOO_FEW_READINGS,
         )

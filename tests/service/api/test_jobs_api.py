@@ -383,11 +383,11 @@ class TestJobs:
         runs.records.delete(deleted.id)
         clock = [datetime.now(UTC) + KEEP_DELETED - timedelta(hours=1)]
         recovery = Recovery(store, lambda _: runs, claims, "alive", now=lambda: clock[0])
-        recovery.look()
+        recovery.check_and_recover()
         runs.records.restore(deleted.id)
         runs.records.delete(deleted.id)
         clock[0] += timedelta(hours=2)
-        recovery.look()
+        recovery.check_and_recover()
         with pytest.raises(NotFoundError) as caught:
             runs.records.restore(deleted.id)
         assert type(caught.value) is NotFoundError
@@ -452,7 +452,7 @@ class TestInputs:
         assert robots.purge(later + KEEP_DELETED, 9) == []  # the set refers to it
         now = later + timedelta(days=1)
         recovery = Recovery(store, lambda _: runs_of(store), claims, "alive", now=lambda: now)
-        recovery.look()
+        recovery.check_and_recover()
         for collection, identifier in ((store.sets, "s1"), (store.robots, "r1")):
             with pytest.raises(NotFoundError) as caught:
                 collection.get(identifier)

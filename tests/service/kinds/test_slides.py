@@ -302,7 +302,7 @@ class TestThePlansListIsFilledIn:
 
     def test_inches_are_converted_and_a_rail_of_13_m_is_noticed(self, filled):
         answer = self.understood(filled.replace("[mm]", "[in]"))
-        note = "lengths in inches were converted to mm; so are numbers in options"
+        note = "lengths in inches, also those in the options, were converted to mm"
         assert note in answer.files[0].assumptions
         observation = answer.measurement_set.observations[0]
         assert observation.joints[:2] == pytest.approx([412.0 * 25.4, 16.0])
