@@ -263,12 +263,12 @@ def named(mistake: str, seed: int) -> bool:
     campaign = reader.declared()
     plant, words, _ = MISTAKES[mistake]
     for _ in range(5 + seed % 5):
-        following = campaign.next_reading()
+        following = campaign.plan_next_reading()
         if following is None:
             return False
         observation = reader.read(following.label, following.joints, following.force)
         campaign = campaign.with_entry(campaign.compare_with_prediction(observation))
-    following = campaign.next_reading()
+    following = campaign.plan_next_reading()
     if following is None:
         return False
     other = campaign.observations[seed % len(campaign.observations)]
