@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     WriteAudit = Callable[[AccessKey, str, str, int], object]
 
 LINK_TIME: Final = timedelta(minutes=10)
-"""Time in which a link can be used."""
+"""Time for which a link can be used."""
 
 keys = typer.Typer(help="Create, list and revoke the keys that open a service.", no_args_is_help=True)
 
@@ -119,7 +119,8 @@ def link(
     with Store.open(database) as store:
         store.sessions.offer(digest(token), key_id, now, now + LINK_TIME)
         _record_in_audit(store, found, "POST", "createLink", 201)
-    address = f"{server.rstrip('/')}/#/sign-in/{token}"  # after #: no server and no log sees it
+    # Browsers do not send the part after #, so that no server and no log gets the token.
+    address = f"{server.rstrip('/')}/#/sign-in/{token}"
     segno.make(address, error="l", micro=False).terminal(compact=True)
     typer.echo(address)
     cli.warn(f"signs one browser in as {found.name} ({found.role}), once, until {now + LINK_TIME:%H:%M} UTC")
@@ -129,9 +130,9 @@ def link(
 def _open_keys(
     database: str, keys_file: Path | None, *, is_new: bool = False
 ) -> Iterator[tuple[KeysFile | AccessKeys, WriteAudit]]:
-    """Open the keys of a file or of a database; yield the keys, and a function that writes the audit.
+    """Open the keys of a file or of a database; yield (keys, function that writes an entry of the audit).
 
-    A missing database is created only if `is_new`. Changes of a file of keys are not written to any audit.
+    A missing database is created only if `is_new`. For a file of keys the function does nothing.
 
     Raises:
         StoreError: the database is missing or cannot be used.
@@ -144,7 +145,7 @@ def _open_keys(
 
     try:
         if keys_file is not None:
-            yield filed.KeysFile(keys_file), lambda *_: None
+            yield filed.KeysFile(keys_file), lambda *_: None  # a file has no audit
             return
         if not is_new:
             open_existing(database).close()
@@ -155,7 +156,7 @@ def _open_keys(
 
 
 def _record_in_audit(store: Store, key: AccessKey, method: str, operation: str, status: int) -> None:
-    """Write an entry into the audit: the operation on a key that a command carried out at the terminal."""
+    """Write into the audit that a command at the terminal carried out an operation on a key."""
     from jointstiff.service.store.tables import AuditEntry
 
     store.audit.add(
@@ -190,7 +191,7 @@ def make_keys_table(keys: Sequence[Key], now: datetime) -> Table:
 
 
 def _describe_validity(key: Key, now: datetime) -> str:
-    """Return a text that says whether a key is valid, expired or revoked, and until or since when."""
+    """Return whether a key is valid, expired or revoked as a text, with the time of the end, if any."""
     if key.revoked_at is not None:
         return f"revoked {_format_time(key.revoked_at)}"
     if key.expires_at is None:

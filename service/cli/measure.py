@@ -24,7 +24,7 @@ _FIELDS_WITHOUT_OPTION: Final = {
     "plan_id",
     "prior",
 }
-"""Fields of `LiveOptions` without an option: the command states them otherwise, or only the API has them."""
+"""Fields of `LiveOptions` for which the command has no option of the same form."""
 _HELP_TEXTS: Final = {
     "load": "Load to apply, such as dead_weight:1500, dead_weight:150kg or any_direction:1500; default: the "
     "strongest force of the campaign, a weight if all of its forces pull down.",
@@ -140,23 +140,30 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
     "as_json": (cli.AsJson, False),
 }
 _LINE_OPTIONS: Final = ("pattern", "columns", "source_unit", "request", "baud")
+"""Options of sources of lines of text."""
 
 
 def build_measure_command() -> Callable[..., None]:
     """Return the function of the command `measure`, with options for fields of `LiveOptions`."""
-    offered = {key: one for key, one in field_options(LiveOptions) if key not in _FIELDS_WITHOUT_OPTION}
-    for key, text in _HELP_TEXTS.items():
-        offered[key].__metadata__[0].help = text
+    annotations = {
+        name: annotation
+        for name, annotation in field_options(LiveOptions)
+        if name not in _FIELDS_WITHOUT_OPTION
+    }
+    for name, text in _HELP_TEXTS.items():
+        option = annotations[name].__metadata__[0]  # the `typer.Option` of the annotation
+        option.help = text
 
-    def command(source_file: str, **values: Any) -> None:  # noqa: ANN401 - by the signature below
+    def command(source_file: str, **values: Any) -> None:  # noqa: ANN401 - the signature set below has the types
         """Measure live: what to read next, what the readings say so far, and when it is enough.
 
         docs/live.md explains goals and sources.
         """
         if values["save"] is not None:
             cli.refuse_existing(values["save"], overwrite=values["overwrite"])
-        everything = {name: None for name, _ in field_options(LiveOptions)} | values
-        _run_measure(source_file, gather_stated_fields(LiveOptions, everything), values)
+        # `gather_stated_fields` needs a value for every field: None for fields without an option here.
+        values_of_fields = {name: None for name, _ in field_options(LiveOptions)} | values
+        _run_measure(source_file, gather_stated_fields(LiveOptions, values_of_fields), values)
 
     argument = Annotated[
         str,
@@ -166,16 +173,19 @@ def build_measure_command() -> Callable[..., None]:
             "file, or the name of an arm of the catalogue, with --load and --target.",
         ),
     ]
-    fields = {key: (one, None) for key, one in offered.items()}
-    sources: dict[str, tuple[Any, Any]] = {"source_file": (argument, ...)}
-    cli.set_signature(command, sources | dict(_OWN_PARAMETERS) | fields)
+    fields = {name: (annotation, None) for name, annotation in annotations.items()}
+    arguments: dict[str, tuple[Any, Any]] = {"source_file": (argument, ...)}
+    cli.set_signature(command, arguments | dict(_OWN_PARAMETERS) | fields)
     return command
 
 
 def _run_measure(source: str, stated: dict[str, Any], values: dict[str, Any]) -> None:
-    """Measure a robot or campaign live, in this process or with --server over a service.
+    """Measure a robot live, in this process or, with --server, over a service.
 
-    `stated` are the fields of the request that options state, `values` the values of all options.
+    Args:
+        source: file of a campaign or a robot, or the name of an arm of the catalogue.
+        stated: fields of `LiveOptions` that options of the command state.
+        values: values of all options of the command.
     """
     from jointstiff.service.library.measure import measure
     from jointstiff.service.resources.documents import read_object
@@ -209,7 +219,7 @@ def _run_measure(source: str, stated: dict[str, Any], values: dict[str, Any]) ->
 
 
 def _parse_force(text: str | None) -> tuple[float, ...] | None:
-    """Parse `X,Y,Z`, or one number as a weight along -z, into a force in R0 [N]; None stays None."""
+    """Parse `X,Y,Z`, or one number as a weight along -z, into a force in R0 [N]; return None for None."""
     if text is None:
         return None
     try:
@@ -222,6 +232,8 @@ def _parse_force(text: str | None) -> tuple[float, ...] | None:
 def _measure_and_print(campaign: LiveMeasurement, values: dict[str, Any], *, asks: bool) -> None:
     """Measure until the end, close the campaign, save it if requested, and print its run.
 
+    `values` are the values of all options; with `asks` the person at the terminal is asked questions.
+
     Raises:
         typer.Exit: the source has stopped, nothing was read, or the run has failed.
     """
@@ -233,13 +245,14 @@ def _measure_and_print(campaign: LiveMeasurement, values: dict[str, Any], *, ask
 
     person = AtTerminal(campaign, asks=asks, confirmed=values["yes"])
     cli.warn(f"goal: {campaign.state.goal}")
-    stopped: SourceError | None = None
+    source_error: SourceError | None = None
     try:
         campaign.run_source(person, values["most"])
     except SourceError as error:
-        stopped = error
+        source_error = error
         if not campaign.count:
             raise
+        # The readings so far are identified, although the source has stopped.
         cli.warn(f"{error.reason}\n  remedy: {error.remedy}")
     state = campaign.state
     cli.warn(state.message if state.message.startswith(state.state) else f"{state.state}: {state.message}")
@@ -250,15 +263,18 @@ def _measure_and_print(campaign: LiveMeasurement, values: dict[str, Any], *, ask
         campaign.campaign.save(values["save"])
         cli.warn(f"wrote {values['save']}")
     if values["as_json"]:
-        typer.echo(json.dumps(_make_json_document(campaign, stopped), indent=2, ensure_ascii=False))
+        typer.echo(json.dumps(_make_json_document(campaign, source_error), indent=2, ensure_ascii=False))
     else:
         console().print(lay_out_job(RUN, run, details=values["details"], unit=values["unit"]))
-    if stopped is not None or run.state != "succeeded":
+    if source_error is not None or run.state != "succeeded":
         raise typer.Exit(1)
 
 
-def _make_json_document(campaign: LiveMeasurement, stopped: Any) -> dict[str, Any]:  # noqa: ANN401 - an error or None
-    """Return the JSON document that `--json` prints: outcome, record of the readings, and run."""
+def _make_json_document(campaign: LiveMeasurement, source_error: Any) -> dict[str, Any]:  # noqa: ANN401 - an error or None
+    """Return the JSON document that `--json` prints: outcome, record of the readings, and run.
+
+    `source_error` is the error with which the source stopped, or None.
+    """
     state, run = campaign.outcome, campaign.close()
     fields = state.model_dump(mode="json", exclude={"revision", "still_needed", "next", "warnings"})
     readings = fields.pop("readings")
@@ -266,11 +282,12 @@ def _make_json_document(campaign: LiveMeasurement, stopped: Any) -> dict[str, An
         "readings": campaign.count,
         **fields,
         "withdrawn": sum(each["state"] == "withdrawn" for each in readings),
+        # Only held-out readings have a ratio; that of the last one is stated.
         "ball_ratio": next(
             (each["ball_ratio"] for each in readings[::-1] if each["ball_ratio"] is not None), None
         ),
         "record": readings,
-        "stopped": None if stopped is None else stopped.reason,
+        "stopped": None if source_error is None else source_error.reason,
         "run_id": run.id,
         "error": None if run.error is None else run.error.model_dump(mode="json"),
         "result": None if run.result is None else run.result.model_dump(mode="json"),
