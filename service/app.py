@@ -24,7 +24,7 @@ from jointstiff.service.jobs import Enqueue, Parts
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.process import jointstiff_version
 from jointstiff.service.reports.laboratory import LaboratorySettings
-from jointstiff.service.security.access import Audit, Gate, operation_id, public_paths
+from jointstiff.service.security.access import Audit, Gate, find_public_paths, make_operation_id
 from jointstiff.service.security.admission import LARGE_BODIES, PARSERS, AccessPolicy, BodyLimits
 from jointstiff.service.security.keys import Keyring
 from jointstiff.service.store.store import Store
@@ -49,7 +49,7 @@ the correction. Posting with an `Idempotency-Key` is safe to repeat.
 def create_app(
     store: Store,
     enqueue: Enqueue | None = None,
-    posture: AccessPolicy | None = None,
+    policy: AccessPolicy | None = None,
     keyring: Keyring | None = None,
     laboratory: LaboratorySettings | None = None,
 ) -> FastAPI:
@@ -58,8 +58,8 @@ def create_app(
     Args:
         store: where robots, measurement sets and runs are kept.
         enqueue: leaves a long job to workers; None: every job is computed while its request waits.
-        posture: rules for the callers to answer; None: only programs of this machine are answered.
-        keyring: valid keys, if the posture requires keys; None: the keys in the store.
+        policy: rules for the callers to answer; None: only programs of this machine are answered.
+        keyring: valid keys, if the policy requires keys; None: the keys in the store.
         laboratory: settings of the laboratory that issues reports; without it reports name no laboratory.
 
     Raises:
@@ -77,12 +77,12 @@ def create_app(
         redirect_slashes=False,  # a redirect would repeat the Host header, whoever wrote it
         lifespan=_lifespan,
     )
-    posture = posture or AccessPolicy()
-    demands_keys = posture.access == "keys"
+    policy = policy or AccessPolicy()
+    demands_keys = policy.access == "keys"
     keyring = keyring or Keyring(store)
     app.state.watch = watch = Watch(store, keyring if demands_keys else None)
-    app.state.gate = gate = Gate(store, keyring, watch.require_recent_check, posture.access)
-    app.state.access = posture.access
+    app.state.gate = gate = Gate(store, keyring, watch.require_recent_check, policy.access)
+    app.state.access = policy.access
     app.state.laboratory = laboratory or LaboratorySettings()
     app.state.parts = Parts(store, enqueue)
     app.state.answer_elsewhere = None  # answers large bodies in place of this process
@@ -104,8 +104,10 @@ def create_app(
         exclude_content_types=UNCOMPRESSED_TYPES,
     )
     app.add_middleware(Methods, routes=app.routes)
-    public_paths(app.routes)  # checks the roles of all routes now: middleware is made with the first request
-    app.add_middleware(Guard, posture=posture, gate=gate, audit=Audit(store), routes=app.routes)
+    find_public_paths(
+        app.routes
+    )  # checks the roles of all routes now: middleware is made with the first request
+    app.add_middleware(Guard, policy=policy, gate=gate, audit=Audit(store), routes=app.routes)
     app.state.metrics = metrics = Metrics()
     app.add_middleware(Observed, metrics=metrics)
     return app
@@ -115,7 +117,7 @@ def create_app(
 def all_routes() -> Sequence[BaseRoute]:
     """Return the routes of all resources and kinds of jobs; cached, as FastAPI takes 0.1 s to build them."""
     # Without a declared answer 422 FastAPI would describe its own error format, which this API never sends.
-    combined = APIRouter(generate_unique_id_function=operation_id, responses=describe_problems(422))
+    combined = APIRouter(generate_unique_id_function=make_operation_id, responses=describe_problems(422))
     for router in (
         resources.robots,
         resources.trends,

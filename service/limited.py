@@ -31,7 +31,7 @@ from starlette.types import Message, Scope
 from jointstiff.service.api.middleware import KNOWN_ID
 from jointstiff.service.app import create_app
 from jointstiff.service.process import FORMAT_VARIABLE, REQUEST_ID, LogFormat, set_log_format
-from jointstiff.service.security.access import REQUESTER, Requester, requester_of
+from jointstiff.service.security.access import REQUESTER, Requester, get_requester
 from jointstiff.service.security.admission import AccessPolicy
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.engine import Queue
@@ -132,7 +132,7 @@ class LimitedChild:
             request.url.query,
             [(name.decode("latin-1"), value.decode("latin-1")) for name, value in request.headers.raw],
             REQUEST_ID.get(),
-            requester_of(request),
+            get_requester(request),
         )
         head, body = await run_sync(self._exchange, forwarded, content, limiter=self._turns)
         status, headers = json.loads(head)

@@ -81,7 +81,7 @@ def run_server(settings: Settings, on_listening: Callable[[str], object] | None 
     set_log_format(settings.log_format)
     give_memory_back()
     _raise_descriptors()
-    posture = _choose_posture(settings)
+    policy = _choose_access_policy(settings)
     laboratory = LaboratorySettings() if settings.laboratory is None else read_laboratory(settings.laboratory)
     # Until uvicorn handles the signal: the first process of a container ignores it by default.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
@@ -94,7 +94,7 @@ def run_server(settings: Settings, on_listening: Callable[[str], object] | None 
             listeners.append(stack.enter_context(metrics_listener))
         refuse_in_memory(database)
         store = stack.enter_context(Store.open(database, quota))
-        keyring = _open_keyring(store, posture, settings)
+        keyring = _open_keyring(store, policy, settings)
         queue = stack.enter_context(closing(Queue(store, database)))
         # Names of workers contain a hash of the database: messages distinguish workers of several stores.
         store_hash = hashlib.sha256(_url_without_password(database).encode()).hexdigest()[:8]
@@ -107,9 +107,9 @@ def run_server(settings: Settings, on_listening: Callable[[str], object] | None 
             markup=False,
             soft_wrap=True,
         )
-        if posture.access == "none":
+        if policy.access == "none":
             console(stderr=True).print(_UNCONTROLLED, markup=False, soft_wrap=True)
-        app = create_app(store, queue.enqueue, posture, keyring, laboratory)
+        app = create_app(store, queue.enqueue, policy, keyring, laboratory)
         app.state.answer_elsewhere = stack.enter_context(closing(LimitedChild(database, quota))).answer
         app.state.failing_workers = lambda: supervisor.failing
         ports = [listener.getsockname()[1] for listener in listeners]
@@ -193,8 +193,8 @@ def _url_without_password(database: str) -> str:
     return url.difference_update_query(["password", "sslpassword"]).render_as_string(hide_password=True)
 
 
-def _choose_posture(settings: Settings) -> AccessPolicy:
-    """Return the posture that the settings state: which callers the service answers.
+def _choose_access_policy(settings: Settings) -> AccessPolicy:
+    """Return the policy that the settings state: which callers the service answers.
 
     Raises:
         ServerError: other machines could reach the service without keys, and no option allows it.
@@ -215,7 +215,7 @@ def _choose_posture(settings: Settings) -> AccessPolicy:
         ) from error
 
 
-def _open_keyring(store: Store, posture: AccessPolicy, settings: Settings) -> Keyring:
+def _open_keyring(store: Store, policy: AccessPolicy, settings: Settings) -> Keyring:
     """Return the keys that the service accepts, with those in the file of the settings.
 
     Raises:
@@ -223,10 +223,10 @@ def _open_keyring(store: Store, posture: AccessPolicy, settings: Settings) -> Ke
         ServerError: keys are required, and none is valid.
     """
     keyring = Keyring(store, settings.keys_file)
-    if posture.access != "keys":
+    if policy.access != "keys":
         return keyring
     keyring.open_file()
-    keyring.look()
+    keyring.read_keys()
     if not (settings.await_key or keyring.has_keys()):
         raise ServerError(
             "the service will not start: it requires keys, and it has no valid key",

@@ -19,7 +19,7 @@ from jointstiff.service.api.bodies import BodyRoute, json_body
 from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.jobs import RequesterKey
 from jointstiff.service.live.stored import OpenSets
-from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, requester_of
+from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, get_requester
 
 Id = Annotated[str, Path(max_length=64, description="Id of the set.")]
 POLL_SECONDS: Final = 0.5
@@ -130,7 +130,7 @@ async def _stream_states(
         if quiet >= QUIET_SECONDS:
             quiet = 0.0
             yield KEEPALIVE_COMMENT
-        if polls % POLLS_PER_CHECK == 0 and not await gate.still_opens(request, requester_of(request).key):
+        if polls % POLLS_PER_CHECK == 0 and not await gate.may_continue(request, get_requester(request).key):
             return
         if await run_in_threadpool(sets.revision, set_id) != sent:
             latest = await run_sync(sets.state, set_id, limiter=request.app.state.work)

@@ -656,7 +656,7 @@ def _describe_format(file: FilePreview) -> str:
 
 
 def _make_first_lines(texts: list[str], lead: str, style: Any = "dim") -> Iterator[Line]:  # noqa: ANN401 - a style
-    """Yield the first `_MAX_LINES` texts as lines that begin with `lead`, and a line with the number of others."""
+    """Yield at most `_MAX_LINES` texts as lines that begin with `lead`, then a line on how many are left."""
     from jointstiff.service.tables.table import Line
 
     for text in texts[:_MAX_LINES]:

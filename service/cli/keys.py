@@ -57,7 +57,7 @@ def create(
     from pydantic import ValidationError
 
     from jointstiff.schemas.access import KeyRequest
-    from jointstiff.service.security.keys import mint
+    from jointstiff.service.security.keys import make_key
 
     now = datetime.now(UTC)
     expires_at = None if expires is None else expires.replace(tzinfo=UTC)
@@ -67,7 +67,7 @@ def create(
         raise typer.BadParameter("must be 1 to 200 printable characters", param_hint="NAME") from error
     if expires_at is not None and expires_at <= now:
         raise typer.BadParameter("must be in the future", param_hint="--expires")
-    text, record = mint(request.name, request.role, now, expires_at)
+    text, record = make_key(request.name, request.role, now, expires_at)
     with _open_keys(database, keys_file, is_new=True) as (stored_keys, write_audit):
         stored_keys.add(record)
         write_audit(record, "POST", "createKey", 201)
@@ -82,7 +82,7 @@ def list_keys(*, database: DatabaseUrl = "sqlite:///jointstiff.db", keys_file: K
     from jointstiff.service.tables.terminal import console, lay_out_parts
 
     with _open_keys(database, keys_file) as (stored_keys, _):
-        found = [describe_key(key, is_filed=keys_file is not None) for key in stored_keys.all()]
+        found = [describe_key(key, is_in_file=keys_file is not None) for key in stored_keys.all()]
     console().print(lay_out_parts([make_keys_table(found, datetime.now(UTC))]))
 
 
@@ -108,16 +108,16 @@ def link(
     """Print a link, with a QR code, that signs one browser in with a key: once, within ten minutes."""
     import segno
 
-    from jointstiff.service.security.keys import digest, mint_token
+    from jointstiff.service.security.keys import hash_secret, make_secret_token
     from jointstiff.service.store.store import Store
 
-    now, token = datetime.now(UTC), mint_token("jsl")
+    now, token = datetime.now(UTC), make_secret_token("jsl")
     with _open_keys(database, keys_file) as (stored_keys, _):
         found = {key.id: key for key in stored_keys.all()}.get(key_id)
     if found is None or not found.is_live(now):
         raise cli.print_failure(f"no valid key has the id {key_id!r}", "see `jointstiff keys list`")
     with Store.open(database) as store:
-        store.sessions.offer(digest(token), key_id, now, now + LINK_TIME)
+        store.sessions.offer(hash_secret(token), key_id, now, now + LINK_TIME)
         _record_in_audit(store, found, "POST", "createLink", 201)
     # Browsers do not send the part after #, so that no server and no log gets the token.
     address = f"{server.rstrip('/')}/#/sign-in/{token}"

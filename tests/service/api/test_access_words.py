@@ -13,7 +13,7 @@ from support.terminal import terminal
 
 from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.security.admission import AccessPolicy
-from jointstiff.service.security.keys import digest, mint
+from jointstiff.service.security.keys import hash_secret, make_key
 from jointstiff.service.store.store import Store
 
 ROBOT = EXAMPLES["robots"]["modified DH"]
@@ -66,7 +66,7 @@ def test_who_has_no_key_is_told_how_to_send_one(method, path, shared):
         ("Bearer jst_0000000000_x", NOT_A_KEY),
         (f"Bearer {KEYS['admin'].text[:-1]}", NOT_A_KEY),
         (f"bearer {KEYS['admin'].text[:-8]}00000000", MISTYPED),
-        (f"BEARER {mint('stranger', 'admin', datetime.now(UTC), None).text}", FOREIGN),
+        (f"BEARER {make_key('stranger', 'admin', datetime.now(UTC), None).text}", FOREIGN),
         ("Basic YWRtaW46YWRtaW4=", NO_KEY),
         (KEYS["admin"].text, NO_KEY),
     ],
@@ -157,7 +157,7 @@ def test_an_open_service_needs_no_sign_in_and_issues_no_keys(store):
     ):
         assert outcome_of(client.request(method, path, json={"name": "x", "role": "admin"})) == NO_ADMINS
     assert client.request("POST", "/v1/robots", json=ROBOT).status_code == 201
-    assert store.sessions.redeem(digest(link), datetime.now(UTC)) == key.id
+    assert store.sessions.redeem(hash_secret(link), datetime.now(UTC)) == key.id
     assert (store.keys.all(), store.audit.page(9).records) == ([key], ())
     health = client.get("/health").json()
     assert health.pop("stored_bytes") > 0

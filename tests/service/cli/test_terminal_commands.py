@@ -175,8 +175,8 @@ HELP = {
         "--resample SIZE[:REPETITIONS[:SEED]]",
         "--leave-out NAME,NAME,... Labels of observations to omit; the others are checked again without "
         "them.",
-        "--apply ACTION Apply an action that a reason advises, such as exchange_columns or convert_units: "
-        "write the corrected campaign to a new file, and identify it.",
+        "--apply ACTION Apply an action that a reason of the verdict recommends, such as exchange_columns or "
+        "convert_units: write the corrected campaign to a new file, and identify it.",
         "-o, --output FILE File to write the corrected campaign to; default: next to the old one.",
         "Unit of the tables: 10⁶ N·m/rad, kN·m/°, …, or µrad/(N·m). [default: MNm/rad]",
     ],
