@@ -137,7 +137,7 @@ def _show_example(address: str, *, once: bool) -> int:
     from jointstiff.service.library.client import Client
     from jointstiff.service.problems import RefusedError
     from jointstiff.service.reports.job import job_parts
-    from jointstiff.service.resources.documents import json_text
+    from jointstiff.service.resources.documents import to_json_text
     from jointstiff.service.tables.table import Line
     from jointstiff.service.tables.terminal import console, lay_out_parts, problem_text
     from jointstiff.simulator import default_arm, simulate_campaign
@@ -147,7 +147,7 @@ def _show_example(address: str, *, once: bool) -> int:
 
         def done(self, kind: Any, request: Any, files: Any, follow: Any) -> Any:  # noqa: ANN401 - a job
             """Post a request, or find the job of an equal request; return the job when it has ended."""
-            text, jobs = json_text(request), getattr(self, kind.collection)
+            text, jobs = to_json_text(request), getattr(self, kind.collection)
             return jobs.wait(jobs.create(text, key=content_key(text), files=files), follow)
 
     try:

@@ -566,10 +566,10 @@ def _write_robot(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # 
 def _write_campaign_to_fill_in(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Plan
     """Write a campaign with empty readings to the file of --campaign, if it is given; return the job."""
     from jointstiff.service.kinds.plan.kind import campaign_to_fill_in
-    from jointstiff.service.resources.documents import read_planned
+    from jointstiff.service.resources.documents import read_plan_source
 
     if values["campaign"] is not None:
-        campaign = campaign_to_fill_in(read_planned(sources[0]), job)
+        campaign = campaign_to_fill_in(read_plan_source(sources[0]), job)
         cli.write_json(values["campaign"], campaign)
     return job
 

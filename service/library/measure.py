@@ -49,7 +49,7 @@ from jointstiff.service.problems import (
     as_campaign_error,
     http_problem,
 )
-from jointstiff.service.resources.documents import parse_document, read_planned
+from jointstiff.service.resources.documents import parse_document, read_plan_source
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
@@ -617,7 +617,7 @@ def _robot_and_campaign(source: Any) -> tuple[RobotDocument, Campaign | None]:  
 
     if isinstance(source, TabledRun):
         source = source.campaign
-    source = read_planned(source)
+    source = read_plan_source(source)
     if isinstance(source, messages.Campaign):
         return source.robot, Campaign.from_message(source)
     return robots.robot(source), None

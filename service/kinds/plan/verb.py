@@ -8,7 +8,7 @@ from jointstiff.schemas.plan import PlanOptions
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.kinds.plan.kind import PLAN
 from jointstiff.service.kinds.verb import Door, Follow, describe_fields, merge_options
-from jointstiff.service.resources.documents import read_planned
+from jointstiff.service.resources.documents import read_plan_source
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -95,7 +95,7 @@ def plan(
     """
     with Follow(on_progress, cancel, executor) as follow:
         door = door.begun(follow)
-        planned = read_planned(source)
+        planned = read_plan_source(source)
         if isinstance(planned, RobotDocument):
             request: dict[str, Any] = {"robot_id": door.described(planned)}
         else:
