@@ -304,7 +304,7 @@ def _import_as_json(parts: Parts, files: list[UploadFile], options: ImportReques
     robot = None if options.robot_id is None else parts.robots.find(options.robot_id, None)
     sources = [SourceFile(*read_named_file(file)) for file in files]
     with garbage_collector_paused():
-        return import_files(sources, options, robot, parts.robots.known()).model_dump_json()
+        return import_files(sources, options, robot, parts.robots.list_confusable_robots()).model_dump_json()
 
 
 def read_named_file(file: UploadFile) -> tuple[str, bytes]:
