@@ -107,9 +107,8 @@ def create_app(
         exclude_content_types=UNCOMPRESSED_TYPES,
     )
     app.add_middleware(Methods, routes=app.routes)
-    find_public_paths(
-        app.routes
-    )  # checks the roles of all routes now: middleware is made with the first request
+    # Raises an error now if a route declares no role: middleware is made only with the first request.
+    find_public_paths(app.routes)
     app.add_middleware(Guard, policy=policy, gate=gate, audit=Audit(store), routes=app.routes)
     app.state.metrics = metrics = Metrics()
     app.add_middleware(Observed, metrics=metrics)

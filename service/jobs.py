@@ -121,8 +121,8 @@ class Jobs:
     def create(self, request: Message, key: IdempotencyKey | None, by: AccessKey | None = None) -> JobRecord:
         """Store a new job and return its record; if there are workers, a long job is left to them.
 
-        If the idempotency key `key` was used before with the same body, the job created then is returned. `by`
-        is the access key of the requester.
+        If the idempotency key `key` was used before with the same body, the job created then is returned.
+        `by` is the access key of the requester.
 
         Raises:
             RequestError: a requested resource does not exist, or the readings cannot support the request.
@@ -221,8 +221,8 @@ class Jobs:
         for span in remaining:
             must_yield = time.monotonic() >= deadline and queue.others_wait(job_id)
             # If an earlier worker stored results of this part and then died, the rest becomes a new entry of
-            # the queue. The queue gives up an entry after a number of dead workers, and counts them anew for a
-            # new entry. The rest is also put back into the queue if other jobs have waited long enough.
+            # the queue. The queue gives up an entry after a number of dead workers, and counts them anew for
+            # a new entry. The rest is also put back into the queue if other jobs have waited long enough.
             if kept > part.kept and (span is remaining[0] or must_yield):
                 queue.add_following_parts(job_id, [Part(job_id, number, kept)])
                 return

@@ -43,7 +43,7 @@ from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.jobs import Jobs, Parts
 from jointstiff.service.kinds.program.kind import PROGRAM
 from jointstiff.service.kinds.program.work import compress_file
-from jointstiff.service.problems import NotFoundError, place_in_document
+from jointstiff.service.problems import NotFoundError, find_path_in_document
 from jointstiff.service.resources.imports import import_files
 from jointstiff.service.resources.stored import load_job, robot_from_record
 from jointstiff.service.runs.deflection import predict_by_run
@@ -243,7 +243,7 @@ def _name_section_in_errors(section: str) -> Iterator[None]:
     try:
         yield
     except JointstiffError as error:
-        error.where = place_in_document(section, error.where)
+        error.where = find_path_in_document(section, error.where)
         raise
 
 

@@ -25,9 +25,8 @@ def main() -> None:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     use_one_thread()
     collect_rarely()
-    from jointstiff.service.cli.app import (
-        app,
-    )  # imported here, after the signals are set: this import takes seconds
+    # Imported only now, after the handling of Ctrl-C is set, as this import takes seconds.
+    from jointstiff.service.cli.app import app
 
     if interruptible:
         signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -208,9 +208,8 @@ def _run_measure(source: str, stated: dict[str, Any], values: dict[str, Any]) ->
         with measure(source, **arguments) as campaign:
             _measure_and_print(campaign, values, asks=asks)
         return
-    from jointstiff.service.library.client import (
-        Client,
-    )  # imported only here: it needs an extra that a measurement in this process does not need
+    # Imported only here, as it needs an extra that a measurement in this process does not need.
+    from jointstiff.service.library.client import Client
 
     with Client(values["server"].rstrip("/"), warn=cli.warn) as client:
         client.ping()

@@ -303,9 +303,8 @@ def _build_measurement_set(
         reason = "the files have forces, and `force` states another force"
         raise ImportFileError(NOWHERE, reason, "omit `force`", "force")
     force = (0.0, 0.0, 0.0) if own_weight else request.force
-    old_unit, new_unit = _length_units(
-        understood, request
-    )  # lengths of the request get the unit of the files
+    # The set is in the unit of the files: the lengths of the request are converted.
+    old_unit, new_unit = _length_units(understood, request)
     lengths = _convert_lengths(
         request.model_dump(include={"noise", "load_point"}, exclude_unset=True), old_unit, new_unit
     )

@@ -257,9 +257,8 @@ class Keyring:
         self._file = None if file is None else KeysFile(file)
         self._keys_in_store = _NO_KEYS  # id → key
         self._keys_in_file = _NO_KEYS  # id → key
-        self._removed_ids: set[str] = (
-            set()
-        )  # ids removed from the file, whose sessions have still to be ended
+        # Ids that were removed from the file, and whose sessions are still to be ended.
+        self._removed_ids: set[str] = set()
         self._is_file_broken = False  # True if the file could not be read the last time
         self._reading = threading.Lock()
 

@@ -88,7 +88,7 @@ class InThread(LimitedChild):
         self._process = self
         self.thread = Thread(target=limited.run_child, args=[os.dup(theirs.fileno())])
         self.thread.start()
-        ours.send_bytes(self._opening)
+        ours.send_bytes(self._settings_message)
         return ours
 
 
