@@ -16,7 +16,7 @@ from jointstiff.schemas.fields import (
     Name,
     Stiffness,
     Terminal,
-    parse_draws,
+    parse_resampling,
 )
 from jointstiff.schemas.finding import Assessment, Finding, Problem, ResultSummary
 from jointstiff.schemas.job import Job, Result
@@ -89,7 +89,7 @@ class CampaignComparison(ComparisonOptions):
         description="Constraints to combine with each method: compliances free, or zero or positive.",
     )
     resampling: Annotated[
-        Resampling | None, Terminal("--resample", "SIZE[:REPETITIONS[:SEED]]", parse_draws)
+        Resampling | None, Terminal("--resample", "SIZE[:REPETITIONS[:SEED]]", parse_resampling)
     ] = Field(
         default=None,
         description="Resampling: repeat each fit on configurations drawn at random, the same draws for all. "
@@ -278,22 +278,27 @@ class ComparisonResult(Result):
 
     @property
     def summary(self) -> ResultSummary:
-        """Excerpt for listings: figures of the poorer of two compared sets, or of the best method."""
+        """Summary for listings.
+
+        A comparison of two campaigns has the figures of the poorer campaign, a comparison of methods those of
+        the best method.
+        """
         runs_of_sides = {side.run_id for side in self.sides}
         has_two_sides = bool(self.joints)
-        fits = [
+        # An entry without joints has no figures. Of two campaigns only the runs that are compared count.
+        entries = [
             entry
             for entry in self.entries
             if entry.joints and (not has_two_sides or entry.run_id in runs_of_sides)
         ]
-        shares = [fit.compensation for fit in fits if fit.compensation is not None]
-        counts = [count_identified_joints(fit.joints) for fit in fits]
+        compensations = [entry.compensation for entry in entries if entry.compensation is not None]
+        counts = [count_identified_joints(entry.joints) for entry in entries]
         poorer_or_best = min if has_two_sides else max
         return ResultSummary(
             verdict=self.assessment.verdict,
-            compensation=poorer_or_best(shares, default=None),
+            compensation=poorer_or_best(compensations, default=None),
             joints_identified=poorer_or_best(counts, default=0),
-            joint_count=max((len(fit.joints) for fit in fits), default=None),
+            joint_count=max((len(entry.joints) for entry in entries), default=None),
             warning_count=len(self.warnings),
         )
 

@@ -44,7 +44,7 @@ class Result(Message):
 
     @property
     def summary(self) -> ResultSummary:
-        """Excerpt of the job for listings."""
+        """Summary of the result for listings."""
         return ResultSummary(verdict=None if self.assessment is None else self.assessment.verdict)
 
 

@@ -91,25 +91,28 @@ _METRES: Final = {"um": 1e-6, "µm": 1e-6, "μm": 1e-6, "mm": 1e-3, "m": 1.0}
 
 
 def parse_goal(text: str) -> dict[str, Any]:
-    """Parse a goal: `15 %` (every joint), `6 um` (the deflection in a box), or `below 0.5 mm`.
+    """Parse the text of a goal; return the fields of the goal.
+
+    Goals are `15 %` (uncertainty of every joint's stiffness), `6 um` (uncertainty of the deflection in the
+    work area), and `below 0.5 mm` (decision whether the deflection stays below a limit).
 
     Raises:
         ValueError: the text is not a goal.
     """
     match = _WORDS.fullmatch(text.strip())
-    relative = match is not None and match["unit"] == "%"
-    if match is None or float(match["number"]) <= 0.0 or (relative and match["below"]):
+    is_relative = match is not None and match["unit"] == "%"
+    if match is None or float(match["number"]) <= 0.0 or (is_relative and match["below"]):
         raise ValueError(
             f'\'{text}\' is not a goal: write "15 %" for every joint, "6 um" for the deflection in the work '
             'area, or "below 0.5 mm" for a decision about it'
         )
     number = float(match["number"])
-    if relative:
+    if is_relative:
         return {"kind": "joints", "relative": 0.01 * number}
-    size = number * _METRES[match["unit"].lower()]
+    length = number * _METRES[match["unit"].lower()]
     if match["below"]:
-        return {"kind": "decision", "limit": size}
-    return {"kind": "deflection", "uncertainty": size}
+        return {"kind": "decision", "limit": length}
+    return {"kind": "deflection", "uncertainty": length}
 
 
 MAX_CANDIDATES = 50_000
@@ -134,7 +137,7 @@ class DeadWeight(Message):
 
     @property
     def newtons(self) -> float:
-        """Weight in N."""
+        """Weight of the load [N], from its stated force or its stated mass."""
         return self.force if self.force is not None else 9.80665 * (self.mass or 0.0)
 
 

@@ -402,7 +402,7 @@ class Parts(Resources):
         Raises:
             CursorError: the cursor of the query was not returned by an earlier page.
         """
-        page = self._records.page(**query.listing())
+        page = self._records.page(**query.listing_arguments())
         return Page(
             items=[summary_from_row(entry) for entry in page.records], next=page.next, total=page.total
         )

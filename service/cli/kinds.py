@@ -18,7 +18,7 @@ import typer
 from typing_extensions import TypeAliasType
 
 from jointstiff.schemas.deflection import DeflectionOptions
-from jointstiff.schemas.fields import Message, Terminal, parse_chain
+from jointstiff.schemas.fields import Message, Terminal, parse_names
 from jointstiff.schemas.options import METHODS_IN_SHORT
 from jointstiff.service.cli import options as cli
 from jointstiff.service.kinds.kind import AnyKind
@@ -473,7 +473,7 @@ def _choose_option_type(field_type: Any, unit: str) -> tuple[Any, dict[str, Any]
             "metavar": f"X,Y,Z{unit_text}",
         }
     if get_origin(field_type) is list and (item_types[0] is str or get_origin(item_types[0]) is Literal):
-        return ParsedValue, {"parser": parse_chain, "metavar": "NAME,NAME,..."}
+        return ParsedValue, {"parser": parse_names, "metavar": "NAME,NAME,..."}
     return None
 
 

@@ -186,7 +186,7 @@ class OpenSets:
 
         Filters of `query` that only ordinary measurement sets have are ignored.
         """
-        page = self._store.open_sets.page(**OpenSetQuery.from_set_query(query).listing())
+        page = self._store.open_sets.page(**OpenSetQuery.from_set_query(query).listing_arguments())
         return Page(items=[self.summary(each) for each in page.records], next=page.next, total=page.total)
 
     def summary(self, record: OpenSetRecord) -> MeasurementSetSummary:

@@ -324,12 +324,12 @@ UNCONTROLLED = {
     "--require-key": "the service will not start: it requires keys, and it has no valid key",
     "--keys-file missing.json": "the file of keys missing.json cannot be used: No such file or directory",
     "--host 192.0.2.1 --no-access-control": (
-        "the service will not listen on 192.0.2.1: other machines can reach this address, but no host name is "
-        "allowed"
+        "the service will not listen on 192.0.2.1: other machines can reach this address, but no host name "
+        "is allowed"
     ),
     "--host :: --no-access-control --require-key": (
-        "the service will not listen on ::: the service cannot both require keys and leave access control to a "
-        "proxy"
+        "the service will not listen on ::: the service cannot both require keys and leave access control to "
+        "a proxy"
     ),
 }
 
