@@ -392,8 +392,8 @@ class GeometryRequest(Message):
         if len(swept_positions) > MAX_GEOMETRY_POSITIONS:
             raise ValueError(
                 f"give at most {MAX_GEOMETRY_POSITIONS} positions in all sweeps together, not "
-                f"{len(swept_positions)}: omit every second position, as 15 to 20 positions over each joint's "
-                "arc are enough"
+                f"{len(swept_positions)}: omit every second position, as 15 to 20 positions over each "
+                "joint's arc are enough"
             )
         readings = sum(len(position.targets) for position in (*swept_positions, *(self.poses or ())))
         if readings > MAX_GEOMETRY_READINGS:
