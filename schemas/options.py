@@ -251,8 +251,8 @@ class RunOptions(MethodOptions):
     )
     causes: Causes = Field(
         default_factory=list,
-        description="Causes to fit with the joints, such as a reason advises: the readings stay as they "
-        "are, and the intervals include the uncertainty of the causes.",
+        description="Causes to fit with the joints, such as a reason of the verdict recommends: the readings "
+        "stay as they are, and the intervals include the uncertainty of the causes.",
     )
     priors: Annotated[
         dict[Name, StiffnessPrior],

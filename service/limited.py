@@ -173,7 +173,9 @@ class LimitedChild:
         except (OSError, EOFError):  # the child was too slow, or its limits ended it
             self.close()
             raise HTTPException(
-                413, f"the body takes more than {self._seconds:.0f} s or {self._memory >> 20} MiB; split it"
+                413,
+                f"processing the body takes more than {self._seconds:.0f} s or {self._memory >> 20} MiB; "
+                "split it into several requests",
             ) from None
 
     def _ready_connection(self) -> Connection[bytes, bytes]:

@@ -225,7 +225,7 @@ class NotFoundError(StoreError):
     def __init__(self, kind: Resource, identifier: str) -> None:
         super().__init__(
             f"there is no {kind.name} {_quote(identifier)}",
-            f"check the id; list them with GET {kind.listing}",
+            f"check the id; list the existing ids with GET {kind.listing}",
         )
         self.kind = kind  # the kind of the missing resource
         self.id = identifier  # the unknown id; text from outside, of any length
@@ -278,7 +278,7 @@ class ReferencedError(StoreError):
     def __init__(self, kind: Resource, identifier: str, users: Sequence[str], *, more: bool) -> None:
         super().__init__(
             f"the {kind.name} {_quote(identifier)} is used by {', '.join(users)}{', …' if more else ''}",
-            "delete these first",
+            "delete these resources first",
         )
 
 
@@ -546,7 +546,7 @@ def problem_from_faults(errors: Sequence[Mapping[str, Any]], parameters: Sequenc
 def _general_remedy(error: Mapping[str, Any]) -> str:
     """Return the remedy for a fault whose type has no remedy in `_REMEDIES`."""
     if error["loc"] and error["loc"][0] in _OUTSIDE_BODY:
-        return "see this address in /openapi.json"
+        return "see the description of this address in /openapi.json"
     return "correct the field as the reason says" if error["type"] == "value_error" else _SEE_EXAMPLE
 
 

@@ -89,7 +89,7 @@ def demo(
     *,
     once: Annotated[bool, typer.Option("--once", help="Stop after printing the tables.")] = False,
     port: Annotated[
-        int | None, typer.Option(min=0, max=65535, help="Port; default 8000, or any free one with --once.")
+        int | None, typer.Option(min=0, max=65535, help="Port; default 8000, or any free port with --once.")
     ] = None,
     database: Annotated[
         str,

@@ -179,9 +179,9 @@ def build_import_command() -> Callable[..., None]:
     def command(files: list[Path], **values: Any) -> None:  # noqa: ANN401 - the signature set below has the types
         """Import files of readings as a campaign.
 
-        Nothing is written without --output or --save-template, nor while something is missing. At a terminal
-        it asks for what is missing. If the inspection of the readings finds errors, they are written only
-        with --despite-errors, and the exit status is 1 without it.
+        Nothing is written without --output or --save-template, nor while information is missing. At a
+        terminal the command asks for the missing information. If the inspection of the readings finds errors,
+        they are written only with --despite-errors, and the exit status is 1 without it.
         """
         if values["output"] is not None:
             cli.check_ending(values["output"], [".json"])

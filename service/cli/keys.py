@@ -123,7 +123,10 @@ def link(
     address = f"{server.rstrip('/')}/#/sign-in/{token}"
     segno.make(address, error="l", micro=False).terminal(compact=True)
     typer.echo(address)
-    cli.warn(f"signs one browser in as {found.name} ({found.role}), once, until {now + LINK_TIME:%H:%M} UTC")
+    cli.warn(
+        f"the link signs one browser in as {found.name} ({found.role}), once, until "
+        f"{now + LINK_TIME:%H:%M} UTC"
+    )
 
 
 @contextmanager

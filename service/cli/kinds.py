@@ -40,7 +40,8 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
             Path | None,
             cli.file_argument(
                 "[SECOND]",
-                "Campaign to compare with: on secondary encoders, after a change, or of a twin robot.",
+                "Second campaign, to compare with the first: with secondary encoders, after a change, or of "
+                "a twin robot.",
             ),
         ],
     },
@@ -59,7 +60,10 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
     },
     "readings": {"file": Annotated[Path, cli.file_argument("FILE", "File of readings.")]},
     "files": {
-        "program": Annotated[list[Path], cli.file_argument("PROGRAM", "Robot program; a .src with its .dat.")]
+        "program": Annotated[
+            list[Path],
+            cli.file_argument("PROGRAM", "Robot program; a KUKA program is a .src file and its .dat file."),
+        ]
     },
 }
 """Name of a source of a kind of work → arguments of the command: name → annotation."""

@@ -28,9 +28,9 @@ _FIELDS_WITHOUT_OPTION: Final = {
 _HELP_TEXTS: Final = {
     "load": "Load to apply, such as dead_weight:1500, dead_weight:150kg or any_direction:1500; default: the "
     "strongest force of the campaign, a weight if all of its forces pull down.",
-    "targets": "Target in the flange frame, in mm; default: those of the campaign. Repeatable.",
+    "targets": "Target in the flange frame, in mm; default: the targets of the campaign. Repeatable.",
     "work_area": "Work area of a goal about deflections: two corners of a box, in R0, in mm; default: the "
-    "box of the campaign's load places.",
+    "box around the load points of the campaign.",
 }
 
 
@@ -45,8 +45,9 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
             str,
             typer.Option(
                 metavar="GOAL",
-                help='"15 %" of every joint that the load twists; "6 um" of the deflection in the work area; '
-                '"below 0.5 mm" to decide about it.',
+                help='Uncertainty to reach: "15 %" of every stiffness that the load tests, or "6 um" of the '
+                'deflection in the work area; or "below 0.5 mm" to decide whether the deflection stays '
+                "below.",
             ),
         ],
         ...,
@@ -66,7 +67,7 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
         _make_text_option(
             "--force",
             "X,Y,Z[N]",
-            "Force in the work area, axes of R0; one number is a weight. Default: that of the load.",
+            "Force in the work area, axes of R0; one number is a weight. Default: the force of the load.",
         ),
         None,
     ),
@@ -98,7 +99,7 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
         _make_text_option(
             "--pattern",
             "REGEX",
-            "Form of `lines` as a regular expression: groups x, y, z, and target, sigma if present.",
+            "Format of the lines of text: a regular expression with groups x, y, z, and maybe target, sigma.",
         ),
         None,
     ),
@@ -106,13 +107,13 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
         _make_text_option(
             "--columns",
             "NAME,NAME,...",
-            "Form of `lines` as columns in order, such as target,x,y,z or -,x,y,z,sigma.",
+            "Columns of the lines of text in their order, such as target,x,y,z or -,x,y,z,sigma.",
         ),
         None,
     ),
     "source_unit": (
         _make_text_option(
-            "--source-unit", "UNIT", "Unit of lengths in `lines`: mm, m, um or in; default: mm."
+            "--source-unit", "UNIT", "Unit of lengths in the lines of text: mm, m, um or in; default: mm."
         ),
         None,
     ),
@@ -120,8 +121,8 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
         _make_text_option(
             "--request",
             "TEXT",
-            "Text sent to `lines` before each reading, with {target}, {state}, {label}, {joints} [rad], "
-            "{force} [N].",
+            "Text sent to a source of lines before each reading; {target}, {state}, {label}, {joints} [rad] "
+            "and {force} [N] are replaced.",
         ),
         None,
     ),

@@ -30,7 +30,7 @@ def worker(
     database: DatabaseUrl,
     name: Annotated[
         str | None,
-        typer.Option(help="Name of this worker in messages; that of the machine if absent."),
+        typer.Option(help="Name of this worker in messages; default: the name of the machine."),
     ] = None,
     log_format: LogLines = LogFormat.TEXT,
 ) -> None:

@@ -250,7 +250,7 @@ def load_succeeded_geometry(store: Store, geometry_id: str, where: str) -> tuple
         raise RequestError(error.reason, remedy=error.remedy, where=where) from error
     if geometry.result is None:
         raise RequestError(
-            f"geometry '{geometry_id}' is {geometry.state} and has no identified robot",
+            f"geometry '{geometry_id}' has no identified robot, as its state is {geometry.state}",
             remedy="use a geometry that has succeeded",
             where=where,
         )

@@ -120,7 +120,7 @@ class Requester:
             raise KeyRefusedError("the request has no key", _REMEDY)
         if ROLES.index(cast("Role", self.key.role)) < ROLES.index(role):
             raise RoleError(
-                f"the key's role is {self.key.role}, but this needs {role}",
+                f"the key's role is {self.key.role}, but the request needs the role {role}",
                 f"use a key with the role {role}; create one with `jointstiff keys create`",
             )
 

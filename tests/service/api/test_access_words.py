@@ -96,7 +96,7 @@ def test_a_key_that_does_not_open_is_refused_with_its_reason_and_not_shown(heade
 )
 def test_a_role_below_the_needed_one_is_refused(role, method, path, needed, shared):
     assert outcome_of(shared.request(method, path, json={}, headers=bearer(role))) == (
-        f"403 role | - | the key's role is {role}, but this needs {needed} | "
+        f"403 role | - | the key's role is {role}, but the request needs the role {needed} | "
         f"use a key with the role {needed}; create one with `jointstiff keys create`"
     )
 
@@ -245,7 +245,7 @@ def test_what_is_no_id_of_a_key_revokes_nothing(client, store):
     answer = client.request("DELETE", "/v1/keys/nobody", headers=bearer("admin"))
     assert outcome_of(answer) == (
         "422 invalid-request | path.key_id | must match the pattern '^[0-9a-f]{10}$' | "
-        "see this address in /openapi.json"
+        "see the description of this address in /openapi.json"
     )
     missing = client.request("DELETE", "/v1/keys/0000000000", headers=bearer("admin"))
     assert missing.status_code == 404
