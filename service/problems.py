@@ -60,8 +60,8 @@ from jointstiff.solver.errors import (
 )
 
 _MAX_SHOWN = 80
-_CHANGED = ("robots", "measurement-sets")
-"""Collections of resources other than jobs, which are changed at addresses of their own."""
+_COLLECTIONS_WITH_ADDRESS = ("robots", "measurement-sets")
+"""Collections that have addresses of their own; all other resources are jobs."""
 
 
 class Resource(NamedTuple):
@@ -73,7 +73,7 @@ class Resource(NamedTuple):
     @property
     def listing(self) -> str:
         """Address that lists the resources of this kind."""
-        if self.collection in (*_CHANGED, "jobs"):
+        if self.collection in (*_COLLECTIONS_WITH_ADDRESS, "jobs"):
             return f"/v1/{self.collection}"
         return f"/v1/jobs?kind={self.name}"
 
@@ -82,7 +82,7 @@ class Resource(NamedTuple):
 
         `change` is the content of the JSON object in the body, such as `"deleted": false`.
         """
-        collection = self.collection if self.collection in _CHANGED else "jobs"
+        collection = self.collection if self.collection in _COLLECTIONS_WITH_ADDRESS else "jobs"
         return f"PATCH /v1/{collection}/{identifier} {{{change}}}"
 
 

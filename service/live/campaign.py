@@ -81,7 +81,7 @@ class Declaration:
         return self.header.open
 
     @cached_property
-    def ahead(self) -> CandidateReadings:
+    def candidate_readings(self) -> CandidateReadings:
         """Candidates for the next readings: postures and loads, made from goal, equipment and robot.
 
         Raises:
@@ -149,7 +149,7 @@ class Declaration:
 class LiveCampaign:
     """A campaign with the entries of its record so far. It is immutable: a change returns a new campaign."""
 
-    declared: Declaration
+    declaration: Declaration
     entries: tuple[Entry, ...] = ()
     entry_by_label: Mapping[str, Entry] = field(init=False)  # label → entry of the observation
 
@@ -161,7 +161,7 @@ class LiveCampaign:
         """Return the campaign with one more entry; unchanged if it has this entry object already."""
         if any(entry is each for each in self.entries):
             return self
-        return LiveCampaign(self.declared, (*self.entries, entry))
+        return LiveCampaign(self.declaration, (*self.entries, entry))
 
     def _entries_by_label(self, change: Change) -> dict[str, Entry]:
         """Return label → entry, for the entries of one kind of change."""
@@ -205,7 +205,7 @@ class LiveCampaign:
                 remedy="close this campaign, and declare another live campaign",
             )
         earlier_observations = self.observations
-        prepared = self.declared.check_observations([*earlier_observations, observation])
+        prepared = self.declaration.check_observations([*earlier_observations, observation])
         if not earlier_observations:
             return Entry("observation", observation.label, observation)
         innovation, held_out = self.progress.compare_reading(prepared.measurements)
@@ -215,7 +215,7 @@ class LiveCampaign:
     def _prepared(self) -> PreparedSet | None:
         """The observations in use, prepared for computation; None if there are no observations."""
         observations = self.observations
-        return self.declared.check_observations(observations) if observations else None
+        return self.declaration.check_observations(observations) if observations else None
 
     @cached_property
     def progress(self) -> Progress:
@@ -224,7 +224,7 @@ class LiveCampaign:
         Raises:
             RequestError: the declaration is incomplete, or no reading is feasible.
         """
-        options, observations, prepared = self.declared.options, self.observations, self._prepared
+        options, observations, prepared = self.declaration.options, self.observations, self._prepared
         readings_so_far = ReadingsSoFar(
             measurements=None if prepared is None else prepared.measurements,
             noticed=() if prepared is None else tuple(prepared.warnings),
@@ -235,7 +235,9 @@ class LiveCampaign:
             check=self.entry_by_label[observations[-1].label].held_out if observations else None,
         )
         weight = options.load if isinstance(options.load, OwnWeight) else None
-        return Progress(self.declared.ahead, options.goal, readings_so_far, options.priors, weight)
+        return Progress(
+            self.declaration.candidate_readings, options.goal, readings_so_far, options.priors, weight
+        )
 
     @property
     def run_options(self) -> dict[str, Any]:
@@ -260,7 +262,7 @@ class LiveCampaign:
             revision=len(self.entries),
             state=state,
             message=message,
-            goal=describe_goal(self.declared.options),
+            goal=describe_goal(self.declaration.options),
             share=None if share is None else share.greatest_share,
             still_needed=0 if needs_no_reading else progress.still_needed,
             readings=self._list_readings(),
@@ -340,7 +342,7 @@ class LiveCampaign:
                 where="close",
                 remedy="send observations, or delete the live campaign",
             )
-        header = self.declared.header
+        header = self.declaration.header
         notes = "\n".join(filter(None, [header.notes, self.describe_course()]))[:MAX_NOTES_LENGTH]
         fields = {name: getattr(header, name) for name in MeasurementSetRequest.model_fields}
         return fields | {"observations": self.observations, "notes": notes}
@@ -365,7 +367,7 @@ class LiveCampaign:
         The lines state goal, outcome, held-out reading, use of priors, and readings withdrawn or kept.
         """
         readings = self._list_readings()
-        lines = [f"Measured live. Declared goal: {describe_goal(self.declared.options)}."]
+        lines = [f"Measured live. Declared goal: {describe_goal(self.declaration.options)}."]
         # The state before the campaign was closed says whether the goal was reached.
         earlier_entries = tuple(entry for entry in self.entries if entry.change != "closed")
         state, message = replace(self, entries=earlier_entries)._state_and_message()

@@ -68,14 +68,16 @@ class OpenSets:
         """
         if key is not None and (before := self._store.open_sets.find(key)) is not None:
             return before.id
-        options, robot_id = self._complete_by_plan(options, request.robot_id)
+        options, robot_id = self._take_options_from_plan(options), request.robot_id
         header = complete_targets_and_load_point(
             request.model_copy(update={"observations": [], "robot_id": robot_id}), options
         )
         resolved, frame_findings = resolve_frame(self._store, header)
         robot, _ = self._resources.robot(robot_id, "robot_id")
         campaign = LiveCampaign(Declaration(robot, header, resolved, frame_findings))
-        _ = campaign.declared.ahead  # computed here to raise the error if no reading is feasible
+        _ = (
+            campaign.declaration.candidate_readings
+        )  # computed here to raise the error if no reading is feasible
         for observation in request.observations:
             campaign = campaign.with_entry(campaign.compare_with_prediction(observation))
         record = OpenSetRecord(
@@ -166,17 +168,17 @@ class OpenSets:
             NotFoundError: no live campaign has this id.
         """
         record, campaign = self._store.open_sets.get(set_id), self._load_campaign(set_id)
-        declared = campaign.declared
-        fields = {name: getattr(declared.header, name) for name in MeasurementSetHeader.model_fields}
+        declaration = campaign.declaration
+        fields = {name: getattr(declaration.header, name) for name in MeasurementSetHeader.model_fields}
         return live.MeasurementSet(
             **fields,
-            **frame_fields(declared.resolved),
-            warnings=list(declared.frame_findings),
+            **frame_fields(declaration.resolved),
+            warnings=list(declaration.frame_findings),
             content_hash=None,
             id=set_id,
             robot_id=record.robot_id,
             created_at=record.created_at,
-            open=declared.options,
+            open=declaration.options,
             observations=campaign.observations,
             live=self.state(set_id),
         )
@@ -196,7 +198,7 @@ class OpenSets:
             id=record.id,
             robot_id=record.robot_id,
             name=record.name,
-            encoders=campaign.declared.header.encoders,
+            encoders=campaign.declaration.header.encoders,
             observation_count=len(campaign.observations),
             warning_count=0,
             open=True,
@@ -295,14 +297,14 @@ class OpenSets:
         resolved = None if record.resolved is None else ResolvedFrame.model_validate_json(record.resolved)
         return Declaration(robot, header, resolved, _FINDINGS.validate_json(record.warnings))
 
-    def _complete_by_plan(self, options: live.LiveOptions, robot_id: str) -> tuple[live.LiveOptions, str]:
-        """Return (live options, completed from the plan that they name; `robot_id`, unchanged).
+    def _take_options_from_plan(self, options: live.LiveOptions) -> live.LiveOptions:
+        """Return live options; if they name a plan, options that they do not state are those of the plan.
 
         Raises:
             RequestError: the plan does not exist, or has no result.
         """
         if options.plan_id is None:
-            return options, robot_id
+            return options
         try:
             plan = load_job(self._store, Plan, options.plan_id)
         except NotFoundError as error:
@@ -323,7 +325,7 @@ class OpenSets:
         completing_options = {
             name: value for name, value in options_of_plan.items() if name not in options.model_fields_set
         }
-        return options.model_copy(update=completing_options), robot_id
+        return options.model_copy(update=completing_options)
 
 
 def _find_load_of_plan(result: PlanResult) -> DeadWeight | AnyDirection | None:

@@ -160,7 +160,7 @@ class InMemoryInputs:
 def _unknown_id_error(kind: str, identifier: str, where: str) -> RequestError:
     """Return the error for an id that no robot, measurement set or run (`kind`) in memory has."""
     return RequestError(
-        f"the file holds no {kind} '{identifier}'",
+        f"the file contains no {kind} with the id '{identifier}'",
         where=where,
         remedy=f"give the {kind} itself: a file cannot refer to stored resources",
     )

@@ -467,16 +467,16 @@ class Audit:
             nonlocal is_written
             if message["type"] == "http.response.start" and not is_written:
                 is_written = True
-                await self._write(requester, scope, message["status"])
+                await self._add_entry(requester, scope, message["status"])
             await send(message)
 
         try:
             await answer(write_then_send)
         finally:
             if not is_written:  # answering failed, or the client disconnected
-                await self._write(requester, scope, 500)
+                await self._add_entry(requester, scope, 500)
 
-    async def _write(self, requester: Requester, scope: Scope, status: int) -> None:
+    async def _add_entry(self, requester: Requester, scope: Scope, status: int) -> None:
         """Add an entry about a request; add none if too many requests of this minute have no valid key."""
         if requester.key is None and self._exceeds_anonymous_limit():
             return

@@ -190,7 +190,7 @@ class KeysFile:
             KeysFileError: the file cannot be read or written.
         """
         with self._file_lock():
-            self._write([*(self.all() if self._path.exists() else []), key])
+            self._replace_keys([*(self.all() if self._path.exists() else []), key])
 
     def revoke(self, key_id: str, now: datetime) -> AccessKey:
         """Revoke a key for good; return the revoked key.
@@ -205,7 +205,7 @@ class KeysFile:
                 raise NotFoundError(KEY, key_id)
             # A key that was revoked before keeps the time of its first revocation.
             keys[key_id] = replace(keys[key_id], revoked_at=keys[key_id].revoked_at or now)
-            self._write(list(keys.values()))
+            self._replace_keys(list(keys.values()))
         return keys[key_id]
 
     @contextmanager
@@ -221,8 +221,11 @@ class KeysFile:
         finally:
             os.close(folder)
 
-    def _write(self, keys: list[AccessKey]) -> None:
-        """Replace the content of the file by keys, in one step: readers get the old or the new content."""
+    def _replace_keys(self, keys: list[AccessKey]) -> None:
+        """Write keys to the file in place of its content, in one step.
+
+        Another process reads either the old or the new content, never a part.
+        """
         entries = [{name: asdict(key)[name] for name in _FIELDS_IN_FILE} for key in keys]
         text = json.dumps(
             _Document.model_validate({"keys": entries}).model_dump(mode="json"), indent=1, ensure_ascii=False
