@@ -388,6 +388,7 @@ class GeometryRequest(Message):
 
     @model_validator(mode="after")
     def _refuse_too_many_readings(self) -> GeometryRequest:
+        """Refuse too many positions in all sweeps together, and too many readings of targets in all."""
         swept_positions = [position for sweep in self.sweeps or () for position in sweep.observations]
         if len(swept_positions) > MAX_GEOMETRY_POSITIONS:
             raise ValueError(
@@ -419,6 +420,7 @@ class GeometryRequest(Message):
 
     @model_validator(mode="after")
     def _require_different_flange_targets(self) -> GeometryRequest:
+        """Require three different flange targets if targets place the flange frame, and none otherwise."""
         if (self.flange == "targets") != (self.flange_targets is not None):
             raise ValueError("give `flange_targets` if, and only if, `flange` is `targets`")
         if self.flange_targets is not None and len(set(self.flange_targets)) != len(self.flange_targets):

@@ -290,6 +290,7 @@ def _refuse_number(value: object) -> object:
 
 
 def _convert_to_utc(value: datetime) -> datetime:
+    """Return a time in UTC; refuse a time of an implausible year."""
     if not _FIRST_YEAR <= value.year <= _LAST_YEAR:
         raise ValueError(f"must lie between {_FIRST_YEAR} and {_LAST_YEAR}")
     return value.astimezone(UTC)

@@ -185,6 +185,7 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
 
     @model_validator(mode="after")
     def _require_one_load(self) -> ProgramOptions:
+        """Refuse more than one statement of the load, and none unless `absolute` makes a load unnecessary."""
         stated = (self.load is not None) + bool(self.segments) + (self.loads is not None)
         if stated > 1 or not (stated or self.absolute):
             raise ValueError("state the load of the process: one of `load`, `segments` and `loads`")

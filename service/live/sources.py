@@ -724,6 +724,7 @@ class Lines(Source):
                 self._end_source(reason)
 
         def disconnect() -> None:
+            """Stop reading from the serial line, and close it."""
             loop.remove_reader(descriptor)
             os.close(descriptor)
             self._disconnect = lambda: None
