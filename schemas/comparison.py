@@ -57,7 +57,8 @@ class ComparisonOptions(Message):
         "as with secondary encoders switched on.",
     )
     confidence: Confidence | None = Field(
-        default=None, description="Confidence level of ratios; default: that of the first run."
+        default=None,
+        description="Confidence level of ratios; default: the confidence level of the first run.",
     )
 
 
@@ -160,7 +161,9 @@ class ComparedSide(Message):
 
     side: Side
     measurement_set_id: Identifier
-    run_id: Identifier = Field(description="Run by which the side is compared with the other one.")
+    run_id: Identifier = Field(
+        description="Run of this side that is compared with the run of the other side."
+    )
     configurations: list[Name] = Field(description="Labels of its observations.")
     deflection: Metres[list[float | None]] = Field(
         description="Mean length of the measured deflection in each configuration, over its targets; null "
@@ -241,7 +244,8 @@ class OrderedJoint(Message):
     )
     compliance_interval_second: Compliance[tuple[float, float] | None]
     equal: StrictBool = Field(
-        description="True if the order makes both equal: separate fits would violate it."
+        description="True if the order makes both stiffnesses equal, because separate fits would violate "
+        "the order."
     )
 
 
@@ -250,8 +254,8 @@ class OrderedResult(Message):
 
     joints: list[OrderedJoint]
     chi_square_increase: float = Field(
-        description="Increase of both sides' χ² due to the order. If far larger than the number of "
-        "joints held equal, the readings contradict the order. Dimensionless."
+        description="Increase of the χ² of both sides due to the order. If it is far larger than the number "
+        "of joints that the order makes equal, the readings contradict the order. Dimensionless."
     )
     certificate: Certificate = Field(description="Proof of optimality.")
 

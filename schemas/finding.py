@@ -66,7 +66,8 @@ class NamedCause(Message):
         "shift) of what was read under load."
     )
     first: Name | None = Field(
-        default=None, description="Label of the first observation that it concerns; null for all."
+        default=None,
+        description="Label of the first observation that the cause concerns; null for all observations.",
     )
 
     @property

@@ -362,7 +362,8 @@ class SetChange(ResourceChange, SetMetadata):
     )
     skipped: Name | None = Field(
         default=None,
-        description="Label of the next reading, if its posture cannot be taken; another one is chosen.",
+        description="Label of the next reading, to skip its posture because the robot cannot take it; "
+        "another posture is chosen.",
     )
 
     @property
@@ -507,7 +508,7 @@ class Observation(Message):
     )
     load_point: Vector3 | None = Field(
         default=None,
-        description="Load point in the flange frame, in units.length; default: that of the set.",
+        description="Load point in the flange frame, in units.length; default: the load point of the set.",
     )
     readings: Annotated[list[Reading], Field(min_length=1, max_length=MAX_TARGETS), FailFast()] = Field(
         description="Readings of the targets, at most one per target."

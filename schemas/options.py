@@ -314,7 +314,7 @@ class RunOptions(MethodOptions):
     )
     leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
         default_factory=list,
-        description="Labels of observations to omit; the others are checked again without them.",
+        description="Labels of observations to omit; the remaining observations are checked again.",
         examples=[["c07"]],
     )
 

@@ -60,8 +60,8 @@ class DeflectionGoal(Message):
     )
     force: Newtons[Vector3 | None] = Field(
         default=None,
-        description="Force there, axes of R0; default: that of the load, down if it is a weight, else along "
-        "each axis.",
+        description="Force in the work area, axes of R0; default: the force of the load, down if it is a "
+        "weight, else along each axis.",
     )
 
 
@@ -76,8 +76,8 @@ class DecisionGoal(Message):
     )
     force: Newtons[Vector3 | None] = Field(
         default=None,
-        description="Force there, axes of R0; default: that of the load, down if it is a weight, else along "
-        "each axis.",
+        description="Force in the work area, axes of R0; default: the force of the load, down if it is a "
+        "weight, else along each axis.",
     )
 
 
@@ -206,7 +206,7 @@ class ReadingOptions(Message):
         Metres[Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)]],
         Terminal("--target", "NAME=X,Y,Z[mm]", parse_target, "dict"),
     ] = Field(
-        default_factory=dict, description="Targets in the flange frame; default: those of the campaign."
+        default_factory=dict, description="Targets in the flange frame; default: the targets of the campaign."
     )
     directions: Annotated[
         Dimensionless[Annotated[list[Vector3], Field(max_length=8)]],
@@ -394,7 +394,8 @@ class PlanResult(Result):
     )
     efficiencies: Dimensionless[dict[str, float]] = Field(description="Efficiency by other criteria.")
     goal_share: Dimensionless[float | None] = Field(
-        default=None, description="Expanded uncertainty over that of the goal; null without one."
+        default=None,
+        description="Expanded uncertainty divided by the uncertainty of the goal; null without a goal.",
     )
     weights_gap: Dimensionless[float] = Field(description="1 − certified efficiency of the optimal weights.")
     random_efficiency: Dimensionless[float] = Field(

@@ -45,7 +45,8 @@ class ListQuery(PageQuery):
     )
     deleted: bool = Field(
         default=False,
-        description="True: only deleted resources, which can be restored; false: only the others.",
+        description="True: only deleted resources, which can be restored; false: only resources that are "
+        "not deleted.",
     )
 
     def listing_arguments(self) -> dict[str, Any]:
@@ -67,7 +68,8 @@ class JobQuery(ListQuery):
     verdict: Verdict | None = Field(default=None, description="Filter by verdict.")
     robot_id: Reference | None = Field(default=None, description="Filter by robot.")
     measurement_set_id: Reference | None = Field(
-        default=None, description="Filter by measurement set; of comparisons that of the first side."
+        default=None,
+        description="Filter by measurement set; comparisons are filtered by the set of the first side.",
     )
     second_set_id: Reference | None = Field(
         default=None, description="Filter comparisons by the measurement set of the second side."

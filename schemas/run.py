@@ -334,8 +334,8 @@ class RunRequest(RunOptions):
     measurement_set_id: Identifier
     variant_of: Identifier | None = Field(
         default=None,
-        description="Run that this one tries to improve by other options or corrected readings; listings "
-        "can group both. It changes no number.",
+        description="Earlier run that this run is to improve with other options or corrected readings, so "
+        "that listings can group both runs; no number depends on it.",
     )
 
 
@@ -454,7 +454,7 @@ class ModelChoice(Message):
         "none were compared.",
     )
     losses: dict[ElasticModel, Loss] = Field(
-        default_factory=dict, description="Loss of least held-out residual of each model."
+        default_factory=dict, description="For each model, the loss with the least held-out residual."
     )
     best: ElasticModel | None = Field(
         default=None, description="Model of least mean residual, each with its best loss."
@@ -470,7 +470,9 @@ class CauseTest(Message):
     """Test of something that may have moved the targets in addition to the joints."""
 
     name: Name = Field(description="Name of the cause, as in the `causes` of a run.")
-    first: Name | None = Field(description="Label of the first observation that it concerns; null for all.")
+    first: Name | None = Field(
+        description="Label of the first observation that the cause concerns; null for all observations."
+    )
     p_value: Dimensionless[float] = Field(
         description="p-value of its F test, added to the joints: the larger of those with the weights stated "
         "and with equal weights."

@@ -173,8 +173,8 @@ HELP = {
         "readings stay as they are, and the intervals include the uncertainty of the causes. Repeatable.",
         "--prior JOINT=STIFFNESS:UNCERTAINTY",
         "--resample SIZE[:REPETITIONS[:SEED]]",
-        "--leave-out NAME,NAME,... Labels of observations to omit; the others are checked again without "
-        "them.",
+        "--leave-out NAME,NAME,... Labels of observations to omit; the remaining observations are checked "
+        "again.",
         "--apply ACTION Apply an action that a reason of the verdict recommends, such as exchange_columns or "
         "convert_units: write the corrected campaign to a new file, and identify it.",
         "-o, --output FILE File to write the corrected campaign to; default: next to the old one.",
@@ -186,7 +186,7 @@ HELP = {
         "change, or of a twin robot.",
         "--ordered / --no-ordered Also identify two sets in one problem in which no joint is softer in the "
         "second one, as with secondary encoders switched on.",
-        "--confidence NUMBER Confidence level of ratios; default: that of the first run.",
+        "--confidence NUMBER Confidence level of ratios; default: the confidence level of the first run.",
         "--csv Print CSV for spreadsheets.",
     ],
     "predict": [
