@@ -179,7 +179,7 @@ def explain_missing_library(feature: str, error: ImportError) -> ImportError:
     If no extra of this package installs the library, return `error`.
 
     Args:
-        feature: subject of the message, such as `a chart`: the feature that needs the library.
+        feature: the feature that needs the library, as the subject of the message, such as `a chart`.
         error: error of the import.
     """
     extra = EXTRAS.get((error.name or "").partition(".")[0])

@@ -304,7 +304,10 @@ def _read_and_ask(
 
 
 def _split_typed_header(stated: Options, sources: Sequence[SourceFile]) -> Options:
-    """Return options in which the header, typed as one text, is a list of cells."""
+    """Return options in which the header, typed as one text, is a list of cells.
+
+    The header is split at the delimiter that the options state or that is detected in the files.
+    """
     from jointstiff.service.importing.reading import detect_delimiter
 
     if not isinstance(header := stated.get("header"), str):
@@ -377,7 +380,7 @@ def _parse_notes(texts: Sequence[str]) -> dict[str, Any]:
 
 
 def _read_template(path: Path) -> Options:
-    """Read the template of an earlier import; return the fields that it states."""
+    """Read the template of an earlier import; return the fields that the template states."""
     from jointstiff.service.resources.documents import read_document
 
     fields: Options = read_document(path, ImportRequest).model_dump(mode="json", exclude_defaults=True)

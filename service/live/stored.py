@@ -75,9 +75,7 @@ class OpenSets:
         resolved, frame_findings = resolve_frame(self._store, header)
         robot, _ = self._resources.robot(robot_id, "robot_id")
         campaign = LiveCampaign(Declaration(robot, header, resolved, frame_findings))
-        _ = (
-            campaign.declaration.candidate_readings
-        )  # computed here to raise the error if no reading is feasible
+        _ = campaign.declaration.candidate_readings  # computed here to raise an error if none is feasible
         for observation in request.observations:
             campaign = campaign.with_entry(campaign.compare_with_prediction(observation))
         record = OpenSetRecord(

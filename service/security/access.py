@@ -111,7 +111,7 @@ class Requester:
         if role is None or (self.is_open and role != "admin"):
             return
         if self.is_open:
-            # Without keys nobody is known to be an administrator.
+            # A service without keys cannot tell whether the requester is an administrator.
             raise RoleError(
                 "keys and the audit need an admin key, but this service requires no keys",
                 "use `jointstiff keys` at the terminal, or start the service with --require-key",
@@ -370,6 +370,7 @@ class Gate:
             self._used_links = {used: time for used, time in self._used_links.items() if now - time < MINUTE}
             self._used_links[link_hash] = now
             return key
+        # A browser may send a link twice: a link that was used just now is refused, and not counted as wrong.
         if link_hash not in self._used_links and await self._count_wrong_key(address):
             await self._delay_answer()
             raise WrongKeysError
