@@ -114,9 +114,8 @@ class _SetInProcess:
             resolved = resolve_stated_frame(post)
         with as_campaign_error(""):
             self._campaign = LiveCampaign(Declaration(robot.robot, post, resolved))
-            _ = (
-                self._campaign.declaration.candidate_readings
-            )  # computed now to raise an error for what cannot be measured
+            # Computed now to raise an error for what cannot be measured.
+            _ = self._campaign.declaration.candidate_readings
 
     def state(self) -> LiveState:
         """Return the results of the readings so far, and the next planned reading."""
