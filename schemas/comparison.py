@@ -16,7 +16,7 @@ from jointstiff.schemas.fields import (
     Name,
     Stiffness,
     Terminal,
-    parse_draws,
+    parse_resampling,
 )
 from jointstiff.schemas.finding import Assessment, Finding, Problem, ResultSummary
 from jointstiff.schemas.job import Job, Result
@@ -57,7 +57,8 @@ class ComparisonOptions(Message):
         "as with secondary encoders switched on.",
     )
     confidence: Confidence | None = Field(
-        default=None, description="Confidence level of ratios; default: that of the first run."
+        default=None,
+        description="Confidence level of ratios; default: the confidence level of the first run.",
     )
 
 
@@ -89,7 +90,7 @@ class CampaignComparison(ComparisonOptions):
         description="Constraints to combine with each method: compliances free, or zero or positive.",
     )
     resampling: Annotated[
-        Resampling | None, Terminal("--resample", "SIZE[:REPETITIONS[:SEED]]", parse_draws)
+        Resampling | None, Terminal("--resample", "SIZE[:REPETITIONS[:SEED]]", parse_resampling)
     ] = Field(
         default=None,
         description="Resampling: repeat each fit on configurations drawn at random, the same draws for all. "
@@ -160,7 +161,9 @@ class ComparedSide(Message):
 
     side: Side
     measurement_set_id: Identifier
-    run_id: Identifier = Field(description="Run by which the side is compared with the other one.")
+    run_id: Identifier = Field(
+        description="Run of this side that is compared with the run of the other side."
+    )
     configurations: list[Name] = Field(description="Labels of its observations.")
     deflection: Metres[list[float | None]] = Field(
         description="Mean length of the measured deflection in each configuration, over its targets; null "
@@ -241,7 +244,8 @@ class OrderedJoint(Message):
     )
     compliance_interval_second: Compliance[tuple[float, float] | None]
     equal: StrictBool = Field(
-        description="True if the order makes both equal: separate fits would violate it."
+        description="True if the order makes both stiffnesses equal, because separate fits would violate "
+        "the order."
     )
 
 
@@ -250,8 +254,8 @@ class OrderedResult(Message):
 
     joints: list[OrderedJoint]
     chi_square_increase: float = Field(
-        description="Increase of both sides' χ² due to the order. If far larger than the number of "
-        "joints held equal, the readings contradict the order. Dimensionless."
+        description="Increase of the χ² of both sides due to the order. If it is far larger than the number "
+        "of joints that the order makes equal, the readings contradict the order. Dimensionless."
     )
     certificate: Certificate = Field(description="Proof of optimality.")
 
@@ -278,22 +282,27 @@ class ComparisonResult(Result):
 
     @property
     def summary(self) -> ResultSummary:
-        """Excerpt for listings: figures of the poorer of two compared sets, or of the best method."""
+        """Summary for listings.
+
+        A comparison of two campaigns has the figures of the poorer campaign, a comparison of methods those of
+        the best method.
+        """
         runs_of_sides = {side.run_id for side in self.sides}
         has_two_sides = bool(self.joints)
-        fits = [
+        # An entry without joints has no figures. Of two campaigns only the runs that are compared count.
+        entries = [
             entry
             for entry in self.entries
             if entry.joints and (not has_two_sides or entry.run_id in runs_of_sides)
         ]
-        shares = [fit.compensation for fit in fits if fit.compensation is not None]
-        counts = [count_identified_joints(fit.joints) for fit in fits]
+        compensations = [entry.compensation for entry in entries if entry.compensation is not None]
+        counts = [count_identified_joints(entry.joints) for entry in entries]
         poorer_or_best = min if has_two_sides else max
         return ResultSummary(
             verdict=self.assessment.verdict,
-            compensation=poorer_or_best(shares, default=None),
+            compensation=poorer_or_best(compensations, default=None),
             joints_identified=poorer_or_best(counts, default=0),
-            joint_count=max((len(fit.joints) for fit in fits), default=None),
+            joint_count=max((len(entry.joints) for entry in entries), default=None),
             warning_count=len(self.warnings),
         )
 

@@ -54,7 +54,8 @@ class LoadCase(Message):
     )
     load_point: Vector3 | None = Field(
         default=None,
-        description="Point where the force acts, flange frame, in units.length; default: that of all cases.",
+        description="Point where the force acts, flange frame, in units.length; default: the load point of "
+        "all cases.",
     )
     place: Vector3 | None = Field(
         default=None,
@@ -63,7 +64,7 @@ class LoadCase(Message):
     )
     direction: Vector3 | None = Field(
         default=None,
-        description="Direction of the requested stiffness, axes of R0; default: that of the force.",
+        description="Direction of the requested stiffness, axes of R0; default: the direction of the force.",
     )
 
 

@@ -66,12 +66,13 @@ class NamedCause(Message):
         "shift) of what was read under load."
     )
     first: Name | None = Field(
-        default=None, description="Label of the first observation that it concerns; null for all."
+        default=None,
+        description="Label of the first observation that the cause concerns; null for all observations.",
     )
 
     @property
-    def pair(self) -> tuple[str, str | None]:
-        """Name of the cause, and label of the first observation that it concerns; None for all."""
+    def name_and_first_label(self) -> tuple[str, str | None]:
+        """Pair (name of the cause, label of the first observation that it concerns, or None for all)."""
         return self.name, self.first
 
 
@@ -121,7 +122,7 @@ class Action(Message):
         robot: str | None = None,
         robot_id: str | None = None,
     ) -> Action:
-        """Build an action of a kind; the fields that are not stated remain empty."""
+        """Build an action; fields for which no argument is given are empty or null."""
         return cls(
             kind=kind,
             observations=list(observations),
@@ -317,21 +318,22 @@ def combine_assessments(assessments: Sequence[Assessment]) -> Assessment:
     Of reasons with equal code and place only the first is kept. The numbers of joints are taken from the
     assessment with the fewest identified joints. Notes are left out, because they concern a single run.
     """
-    reasons: dict[tuple[str, str | None], Finding] = {}
+    reasons: dict[tuple[str, str | None], Finding] = {}  # (code, place) → reason
     for reason in (reason for assessment in assessments for reason in assessment.reasons):
         reasons.setdefault((reason.code, reason.where), reason)
     counts = [
-        (each.joints_identified, each.joint_count)
-        for each in assessments
-        if each.joints_identified is not None
+        (assessment.joints_identified, assessment.joint_count)
+        for assessment in assessments
+        if assessment.joints_identified is not None
     ]
-    identified, count = min(counts, default=(None, None))
+    joints_identified, joint_count = min(counts, default=(None, None))
+    verdicts = (assessment.verdict for assessment in assessments)
     return Assessment(
-        joints_identified=identified,
-        joint_count=count,
-        verdict=max((each.verdict for each in assessments), key=_ORDER.index, default="use"),
-        reasons=sorted(reasons.values(), key=lambda reason: -_ORDER.index(reason.weight)),
+        joints_identified=joints_identified,
+        joint_count=joint_count,
+        verdict=max(verdicts, key=_VERDICTS_BY_SEVERITY.index, default="use"),
+        reasons=sorted(reasons.values(), key=lambda reason: -_VERDICTS_BY_SEVERITY.index(reason.weight)),
     )
 
 
-_ORDER: tuple[Verdict, ...] = ("use", "use_with_care", "do_not_use")
+_VERDICTS_BY_SEVERITY: tuple[Verdict, ...] = ("use", "use_with_care", "do_not_use")

@@ -54,7 +54,7 @@ class FleetRow(Message):
         description="Kinds of the joints in order, where one is prismatic; empty if all turn."
     )
     stiffness: Stiffness[dict[Name, float | None]] = Field(
-        description="Stiffness of each joint, as of a run."
+        description="Stiffness of each joint, as in a run."
     )
     stiffness_interval: Stiffness[dict[Name, tuple[float, float | None] | None]]
     error: Problem | None

@@ -238,7 +238,7 @@ class GeometryResult(Result):
 
     @property
     def summary(self) -> ResultSummary:
-        """Excerpt for listings."""
+        """Summary of the result for listings."""
         return ResultSummary(
             verdict=self.assessment.verdict,
             warning_count=sum(finding.weight != "use" for finding in self.findings),
@@ -377,7 +377,7 @@ class GeometryRequest(Message):
     @model_validator(mode="after")
     def _require_base_targets_before(self) -> GeometryRequest:
         if self.base_targets_after is not None and self.base_targets_before is None:
-            raise ValueError("give `base_targets_before` with `base_targets_after`: they are compared")
+            raise ValueError("give `base_targets_before`, too: `base_targets_after` are compared with them")
         return self
 
     @model_validator(mode="after")
@@ -388,33 +388,39 @@ class GeometryRequest(Message):
 
     @model_validator(mode="after")
     def _refuse_too_many_readings(self) -> GeometryRequest:
-        swept = [position for sweep in self.sweeps or () for position in sweep.observations]
-        if len(swept) > MAX_GEOMETRY_POSITIONS:
+        """Refuse too many positions in all sweeps together, and too many readings of targets in all."""
+        swept_positions = [position for sweep in self.sweeps or () for position in sweep.observations]
+        if len(swept_positions) > MAX_GEOMETRY_POSITIONS:
             raise ValueError(
-                f"give at most {MAX_GEOMETRY_POSITIONS} positions in all sweeps together, not {len(swept)}: "
-                "leave out every second position, as 15 to 20 positions over each joint's arc are enough"
+                f"give at most {MAX_GEOMETRY_POSITIONS} positions in all sweeps together, not "
+                f"{len(swept_positions)}: omit every second position, as 15 to 20 positions over each "
+                "joint's arc are enough"
             )
-        readings = sum(len(position.targets) for position in (*swept, *(self.poses or ())))
+        readings = sum(len(position.targets) for position in (*swept_positions, *(self.poses or ())))
         if readings > MAX_GEOMETRY_READINGS:
             raise ValueError(
-                f"give at most {MAX_GEOMETRY_READINGS} readings of targets in all, not {readings}: leave out "
-                "every other position, or targets beyond three"
+                f"give at most {MAX_GEOMETRY_READINGS} readings of targets in all, not {readings}: omit "
+                "every second position, or targets beyond three"
             )
         return self
 
     @model_validator(mode="after")
     def _refuse_contradictory_robot(self) -> GeometryRequest:
-        """Refuse two robots, a joint map in addition to a robot's, and nominal frames without a robot."""
+        """Refuse two robots, two joint maps, and nominal frames without a robot."""
         if self.robot_id is not None and self.robot is not None:
             raise ValueError("give either `robot_id` or `robot`, not both")
         if self.has_robot and self.joint_map is not None:
-            raise ValueError("omit `joint_map`: the robot has its own")
+            raise ValueError("omit `joint_map`: the robot has a joint map already")
         if not self.has_robot and "nominal" in (self.base, self.flange):
-            raise ValueError("give `robot_id` or `robot`, or place the frames by `axes` or `targets`")
+            raise ValueError(
+                "`nominal` frames need a robot: give `robot_id` or `robot`, or choose other values of `base` "
+                "and `flange`"
+            )
         return self
 
     @model_validator(mode="after")
     def _require_different_flange_targets(self) -> GeometryRequest:
+        """Require three different flange targets if targets place the flange frame, and none otherwise."""
         if (self.flange == "targets") != (self.flange_targets is not None):
             raise ValueError("give `flange_targets` if, and only if, `flange` is `targets`")
         if self.flange_targets is not None and len(set(self.flange_targets)) != len(self.flange_targets):
@@ -423,7 +429,7 @@ class GeometryRequest(Message):
 
     @property
     def has_robot(self) -> bool:
-        """Return whether the request names or contains a robot, whose geometry is the nominal one."""
+        """True if the request names or contains a robot, whose geometry is the nominal geometry."""
         return self.robot_id is not None or self.robot is not None
 
 

@@ -148,13 +148,15 @@ class FilePreview(Message):
         default_factory=list, description="Lines or rows of the file that make the header; empty without one."
     )
     first_lines: list[int] = Field(
-        default_factory=list, description="Line or row of the file of each of `first_rows`."
+        default_factory=list,
+        description="Numbers of the lines of the file, or rows of the sheet, in `first_rows`.",
     )
     fault_rows: list[list[str]] = Field(
         default_factory=list, description="Rows with faults beyond the first ones, as they are in the file."
     )
     fault_lines: list[int] = Field(
-        default_factory=list, description="Line or row of the file of each of `fault_rows`."
+        default_factory=list,
+        description="Numbers of the lines of the file, or rows of the sheet, in `fault_rows`.",
     )
 
 
@@ -211,7 +213,7 @@ class ImportRequest(ImportOptions):
     """Format of the files, and the parts of a measurement set that no file contains."""
 
     name: Name | None = Field(
-        default=None, description="Name of the measurement set; default: that of the first file."
+        default=None, description="Name of the measurement set; default: the name of the first file."
     )
     encoders: Literal["motor", "secondary"] | None = Field(
         default=None, description="Encoders that close the position loop; never guessed."

@@ -44,7 +44,7 @@ class Result(Message):
 
     @property
     def summary(self) -> ResultSummary:
-        """Excerpt of the job for listings."""
+        """Summary of the result for listings."""
         return ResultSummary(verdict=None if self.assessment is None else self.assessment.verdict)
 
 
@@ -90,14 +90,18 @@ class JobSummary(ResultSummary):
     kind: str = Field(description="Kind of the job, such as `run`.", examples=["run"])
     state: JobState
     created_at: Timestamp
-    name: Name | None = Field(default=None, description="Name; of a program that of its first file.")
+    name: Name | None = Field(
+        default=None, description="Name of the job; for a program, the name of its first file."
+    )
     robot_id: Identifier | None = Field(
         default=None,
-        description="Robot; of a comparison that of the first side, of a geometry the nominal one.",
+        description="Id of the robot; for a comparison, the robot of the first side; for a geometry, the "
+        "nominal robot.",
     )
     measurement_set_id: Identifier | None = Field(
         default=None,
-        description="Measurement set of a run or a plan; of a comparison that of the first side.",
+        description="Id of the measurement set of a run or a plan; for a comparison, the set of the first "
+        "side.",
     )
     second_set_id: Identifier | None = Field(
         default=None, description="Measurement set of the second side of a comparison."

@@ -48,17 +48,17 @@ class LiveReading(Message):
     state: Literal["counts", "doubtful", "withdrawn"]
     reason: str | None = Field(default=None, description="Reason for which it was withdrawn.")
     p_value: Dimensionless[float | None] = Field(
-        description="Probability of a reading at least so far from its prediction by the others; null where "
-        "they do not predict it."
+        description="Probability that a good reading is at least as far from its prediction by the other "
+        "readings; null if the other readings do not predict it."
     )
     distance: Metres[float | None] = Field(
         description="Greatest distance of a target from where it was expected."
     )
     doubtful: StrictBool = Field(
-        description="True if it ought to be read again before the load is taken off."
+        description="True if the reading should be repeated before the load is removed."
     )
     causes: list[str] = Field(description="Causes of the doubt in words, the likeliest first.")
-    message: str | None = Field(description="Comparison with the others in words.")
+    message: str | None = Field(description="Comparison with the other readings in words.")
     ball_ratio: Dimensionless[float | None] = Field(
         default=None,
         description="Distance from the prediction over the radius of its 90 % ball, at most 1 inside; null "
@@ -101,7 +101,8 @@ class LiveState(Message):
     message: str = Field(description="State in words.")
     goal: str = Field(description="Declared goal in words.")
     share: Dimensionless[float | None] = Field(
-        description="Uncertainty over that of the goal, which is met at 1 and below; null before it is known."
+        description="Uncertainty divided by the uncertainty of the goal: at 1 and below the goal is met; "
+        "null before the uncertainty is known."
     )
     still_needed: int | None = Field(
         description="Number of readings that are missing, the held-out one among them; null if unknown."

@@ -15,9 +15,9 @@ from jointstiff.schemas.fields import (
     Terminal,
     Vector3,
     parse_cause,
-    parse_chain,
-    parse_draws,
+    parse_names,
     parse_prior,
+    parse_resampling,
 )
 from jointstiff.schemas.finding import NamedCause
 from jointstiff.schemas.robot import MAX_JOINTS
@@ -197,13 +197,13 @@ class MethodOptions(Message):
     def _require_weighting_by_length(cls, length: float | None, info: ValidationInfo) -> float | None:
         weighting = info.data.get("weighting")
         if length is not None and weighting != "characteristic_length":
-            raise ValueError(f"needs weighting `characteristic_length`, not `{weighting}`")
+            raise ValueError(f"needs the weighting `characteristic_length`, not `{weighting}`")
         return length
 
 
 def _refuse_repeated_causes(causes: list[NamedCause]) -> list[NamedCause]:
     if len({(cause.name, cause.first) for cause in causes}) < len(causes):
-        raise ValueError("names the same cause twice")
+        raise ValueError("must not name the same cause twice")
     return causes
 
 
@@ -251,8 +251,8 @@ class RunOptions(MethodOptions):
     )
     causes: Causes = Field(
         default_factory=list,
-        description="Causes to fit with the joints, such as a reason advises: the readings stay as they "
-        "are, and the intervals include the uncertainty of the causes.",
+        description="Causes to fit with the joints, such as a reason of the verdict recommends: the readings "
+        "stay as they are, and the intervals include the uncertainty of the causes.",
     )
     priors: Annotated[
         dict[Name, StiffnessPrior],
@@ -267,7 +267,7 @@ class RunOptions(MethodOptions):
     stiffness_order: Annotated[
         list[Annotated[list[Name], Field(min_length=2, max_length=MAX_JOINTS)]],
         Field(max_length=MAX_JOINTS),
-        Terminal("", "JOINT,JOINT,...", parse_chain, "list"),
+        Terminal("", "JOINT,JOINT,...", parse_names, "list"),
     ] = Field(
         default_factory=list,
         description="Order constraints: chains of joints, each at least as stiff as the next; all "
@@ -299,7 +299,7 @@ class RunOptions(MethodOptions):
         default=CrossValidation(), description="Cross-validation, for all elasticities but `joints`."
     )
     resampling: Annotated[
-        Resampling | None, Terminal("--resample", "SIZE[:REPETITIONS[:SEED]]", parse_draws)
+        Resampling | None, Terminal("--resample", "SIZE[:REPETITIONS[:SEED]]", parse_resampling)
     ] = Field(
         default=None,
         description="Resampling: repeat the fit on configurations drawn at random; the run may "
@@ -314,7 +314,7 @@ class RunOptions(MethodOptions):
     )
     leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
         default_factory=list,
-        description="Labels of observations to omit; the others are checked again without them.",
+        description="Labels of observations to omit; the remaining observations are checked again.",
         examples=[["c07"]],
     )
 
@@ -322,7 +322,7 @@ class RunOptions(MethodOptions):
     @classmethod
     def _require_huber_loss(cls, threshold: float | None, info: ValidationInfo) -> float | None:
         if threshold is not None and info.data.get("loss") != "huber":
-            raise ValueError("needs loss `huber`")
+            raise ValueError("needs the loss `huber`")
         return threshold
 
     @field_validator("elasticity", mode="after")
@@ -332,7 +332,8 @@ class RunOptions(MethodOptions):
         loss = info.data.get("loss")
         if loss == "absolute" and elasticity in {"joints", "automatic"}:
             raise ValueError(
-                "must be stated, and not be `joints`, with loss `absolute`; for joints alone use loss `huber`"
+                "must name a model with more than joints if the loss is `absolute`; for joints alone use "
+                "the loss `huber`"
             )
         return elasticity
 
@@ -346,7 +347,9 @@ class RunOptions(MethodOptions):
         if chosen and elasticity == "joints":
             raise ValueError("needs an elasticity other than `joints`")
         if isinstance(chosen, float) and elasticity == "automatic":
-            raise ValueError("needs an elasticity that is named: `automatic` chooses the penalty")
+            raise ValueError(
+                "must be omitted with the elasticity `automatic`, which chooses the penalty itself"
+            )
         if isinstance(chosen, list) and chosen and elasticity in {"coupled_joints", "joints_and_base"}:
             raise ValueError(f"needs an elasticity with links, not `{elasticity}`")
         return chosen
@@ -361,12 +364,12 @@ class RunOptions(MethodOptions):
         incompatible |= {"stiffness_bounds", "stiffness_order", "causes"}
         for name in sorted(incompatible & info.data.keys()):
             if info.data[name] != cls.model_fields[name].get_default(call_default_factory=True):
-                raise ValueError(f"cannot be combined with `{name}`: leave one of the two out")
+                raise ValueError(f"cannot be combined with `{name}`: omit one of the two options")
         compatible = {"loss": {"automatic", "squared"}, "elasticity": {"automatic", "joints"}}
         for name, accepted in compatible.items():
             if name in info.data and info.data[name] not in accepted:
                 raise ValueError(
-                    f"cannot be combined with {name} `{info.data[name]}`: leave one of the two out"
+                    f"cannot be combined with {name} `{info.data[name]}`: omit one of the two options"
                 )
         return weight
 

@@ -60,8 +60,8 @@ class DeflectionGoal(Message):
     )
     force: Newtons[Vector3 | None] = Field(
         default=None,
-        description="Force there, axes of R0; default: that of the load, down if it is a weight, else along "
-        "each axis.",
+        description="Force in the work area, axes of R0; default: the force of the load, down if it is a "
+        "weight, else along each axis.",
     )
 
 
@@ -76,8 +76,8 @@ class DecisionGoal(Message):
     )
     force: Newtons[Vector3 | None] = Field(
         default=None,
-        description="Force there, axes of R0; default: that of the load, down if it is a weight, else along "
-        "each axis.",
+        description="Force in the work area, axes of R0; default: the force of the load, down if it is a "
+        "weight, else along each axis.",
     )
 
 
@@ -91,25 +91,28 @@ _METRES: Final = {"um": 1e-6, "µm": 1e-6, "μm": 1e-6, "mm": 1e-3, "m": 1.0}
 
 
 def parse_goal(text: str) -> dict[str, Any]:
-    """Parse a goal: `15 %` (every joint), `6 um` (the deflection in a box), or `below 0.5 mm`.
+    """Parse the text of a goal; return the fields of the goal.
+
+    Goals are `15 %` (uncertainty of every joint's stiffness), `6 um` (uncertainty of the deflection in the
+    work area), and `below 0.5 mm` (decision whether the deflection stays below a limit).
 
     Raises:
         ValueError: the text is not a goal.
     """
     match = _WORDS.fullmatch(text.strip())
-    relative = match is not None and match["unit"] == "%"
-    if match is None or float(match["number"]) <= 0.0 or (relative and match["below"]):
+    is_relative = match is not None and match["unit"] == "%"
+    if match is None or float(match["number"]) <= 0.0 or (is_relative and match["below"]):
         raise ValueError(
             f'\'{text}\' is not a goal: write "15 %" for every joint, "6 um" for the deflection in the work '
             'area, or "below 0.5 mm" for a decision about it'
         )
     number = float(match["number"])
-    if relative:
+    if is_relative:
         return {"kind": "joints", "relative": 0.01 * number}
-    size = number * _METRES[match["unit"].lower()]
+    length = number * _METRES[match["unit"].lower()]
     if match["below"]:
-        return {"kind": "decision", "limit": size}
-    return {"kind": "deflection", "uncertainty": size}
+        return {"kind": "decision", "limit": length}
+    return {"kind": "deflection", "uncertainty": length}
 
 
 MAX_CANDIDATES = 50_000
@@ -134,7 +137,7 @@ class DeadWeight(Message):
 
     @property
     def newtons(self) -> float:
-        """Weight in N."""
+        """Weight of the load [N], from its stated force or its stated mass."""
         return self.force if self.force is not None else 9.80665 * (self.mass or 0.0)
 
 
@@ -203,7 +206,7 @@ class ReadingOptions(Message):
         Metres[Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)]],
         Terminal("--target", "NAME=X,Y,Z[mm]", parse_target, "dict"),
     ] = Field(
-        default_factory=dict, description="Targets in the flange frame; default: those of the campaign."
+        default_factory=dict, description="Targets in the flange frame; default: the targets of the campaign."
     )
     directions: Annotated[
         Dimensionless[Annotated[list[Vector3], Field(max_length=8)]],
@@ -391,7 +394,8 @@ class PlanResult(Result):
     )
     efficiencies: Dimensionless[dict[str, float]] = Field(description="Efficiency by other criteria.")
     goal_share: Dimensionless[float | None] = Field(
-        default=None, description="Expanded uncertainty over that of the goal; null without one."
+        default=None,
+        description="Expanded uncertainty divided by the uncertainty of the goal; null without a goal.",
     )
     weights_gap: Dimensionless[float] = Field(description="1 − certified efficiency of the optimal weights.")
     random_efficiency: Dimensionless[float] = Field(

@@ -69,10 +69,12 @@ class ProcessLoad(Message):
     )
     first_line: _Line | None = Field(
         default=None,
-        description="First line of the moves under this load, from 1; default: that of the program.",
+        description="First line of the moves under this load, counted from 1; default: the first line of "
+        "the program.",
     )
     last_line: _Line | None = Field(
-        default=None, description="Last line of the moves under this load; default: that of the program."
+        default=None,
+        description="Last line of the moves under this load; default: the last line of the program.",
     )
 
     @model_validator(mode="after")
@@ -185,6 +187,7 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
 
     @model_validator(mode="after")
     def _require_one_load(self) -> ProgramOptions:
+        """Refuse more than one statement of the load, and none unless `absolute` makes a load unnecessary."""
         stated = (self.load is not None) + bool(self.segments) + (self.loads is not None)
         if stated > 1 or not (stated or self.absolute):
             raise ValueError("state the load of the process: one of `load`, `segments` and `loads`")
@@ -260,7 +263,7 @@ class ProgramPoint(Message):
     )
     residual_rotation: Radians[float]
     rounding: Metres[float] = Field(description="Part of it due to the rounding of numbers in the program.")
-    share: Dimensionless[float] = Field(description="Share of the full correction that is applied.")
+    share: Dimensionless[float] = Field(description="Fraction of the full correction that is applied.")
     capped: StrictBool = Field(description="True if the limits reduce the correction.")
 
 

@@ -45,14 +45,18 @@ class ListQuery(PageQuery):
     )
     deleted: bool = Field(
         default=False,
-        description="True: only deleted resources, which can be restored; false: only the others.",
+        description="True: only deleted resources, which can be restored; false: only resources that are "
+        "not deleted.",
     )
 
-    def listing(self) -> dict[str, Any]:
-        """Return the arguments of a listing: page, order, search, and `filters` (field → exact value)."""
+    def listing_arguments(self) -> dict[str, Any]:
+        """Return the arguments for the method `page` of a collection, which lists the resources.
+
+        They are page, order, search, and `filters`: field → value that the field must have.
+        """
         stated = self.model_dump(exclude_none=True)
         common = {name: stated.pop(name) for name in ListQuery.model_fields if name in stated}
-        filters = {name: str(value) for name, value in stated.items()}
+        filters = {name: str(value) for name, value in stated.items()}  # fields of the subclass
         return common | {"filters": filters, "counted": True}
 
 
@@ -64,7 +68,8 @@ class JobQuery(ListQuery):
     verdict: Verdict | None = Field(default=None, description="Filter by verdict.")
     robot_id: Reference | None = Field(default=None, description="Filter by robot.")
     measurement_set_id: Reference | None = Field(
-        default=None, description="Filter by measurement set; of comparisons that of the first side."
+        default=None,
+        description="Filter by measurement set; comparisons are filtered by the set of the first side.",
     )
     second_set_id: Reference | None = Field(
         default=None, description="Filter comparisons by the measurement set of the second side."
@@ -111,7 +116,7 @@ class OpenSetQuery(ListQuery):
 
     @classmethod
     def from_set_query(cls, query: SetQuery) -> OpenSetQuery:
-        """Return a query of live campaigns with the filters that `query` has in common with it."""
+        """Return a query of live campaigns with those filters of `query` that live campaigns have, too."""
         return cls(**{name: getattr(query, name) for name in cls.model_fields})
 
 
@@ -145,11 +150,14 @@ class SetQuery(OpenSetQuery):
             raise ValueError("`measured_to` must be after `measured_from`")
         return self
 
-    def listing(self) -> dict[str, Any]:
-        """Return the arguments of a listing, with `spans`: field → (first time, time before the end)."""
-        listing = super().listing()
+    def listing_arguments(self) -> dict[str, Any]:
+        """Return the arguments for the method `page` of a collection, with `spans`.
+
+        Spans are field → (first time, end), where the end itself does not belong to the span.
+        """
+        arguments = super().listing_arguments()
         for name in ("measured_from", "measured_to"):
-            listing["filters"].pop(name, None)
+            arguments["filters"].pop(name, None)
         spans = {"measured_at": (self.measured_from, self.measured_to)}
         has_span = self.measured_from is not None or self.measured_to is not None
-        return listing | {"spans": spans if has_span else {}}
+        return arguments | {"spans": spans if has_span else {}}

@@ -143,7 +143,7 @@ class RobotDocument(Message):
     @model_validator(mode="after")
     def _refuse_second_joint_map(self) -> RobotDocument:
         if isinstance(self.model, GeometryModel) and self.joint_map is not None:
-            raise ValueError("omit `joint_map`: the geometry has its own")
+            raise ValueError("omit `joint_map`: the geometry has a joint map already")
         return self
 
 

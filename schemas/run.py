@@ -86,13 +86,16 @@ class _Joint(Protocol):
 
 
 def count_identified_joints(joints: Iterable[_Joint]) -> int:
-    """Return the number of joints that are identified, and have an upper limit if they have an interval."""
-    found = 0
+    """Return the number of joints with a stiffness that is bounded above.
+
+    The stiffness of a joint without an interval counts as bounded if the status is `identified`.
+    """
+    count = 0
     for joint in joints:
-        ends = joint.stiffness_interval
-        bounded = joint.status == "identified" if ends is None else ends[1] is not None
-        found += joint.stiffness is not None and bounded
-    return found
+        interval = joint.stiffness_interval  # (lower end, upper end or None)
+        is_bounded = joint.status == "identified" if interval is None else interval[1] is not None
+        count += joint.stiffness is not None and is_bounded
+    return count
 
 
 BudgetSource = Annotated[
@@ -160,11 +163,18 @@ class Budget(Message):
     )
 
     def contributions_to(self, joint: str) -> dict[str, float]:
-        """Return source → contribution to a joint's standard uncertainty; empty for an unknown joint."""
+        """Return source → contribution to the standard uncertainty of a joint, given its name.
+
+        Sources that are not included in the intervals are left out; empty for an unknown joint.
+        """
         if joint not in self.joints:
             return {}
-        place = self.joints.index(joint)
-        return {part.source: part.contributions[place] for part in self.components if part.included}
+        index = self.joints.index(joint)
+        return {
+            component.source: component.contributions[index]
+            for component in self.components
+            if component.included
+        }
 
 
 class StageIdentifiability(Message):
@@ -324,8 +334,8 @@ class RunRequest(RunOptions):
     measurement_set_id: Identifier
     variant_of: Identifier | None = Field(
         default=None,
-        description="Run that this one tries to improve by other options or corrected readings; listings "
-        "can group both. It changes no number.",
+        description="Earlier run that this run is to improve with other options or corrected readings, so "
+        "that listings can group both runs; no number depends on it.",
     )
 
 
@@ -444,7 +454,7 @@ class ModelChoice(Message):
         "none were compared.",
     )
     losses: dict[ElasticModel, Loss] = Field(
-        default_factory=dict, description="Loss of least held-out residual of each model."
+        default_factory=dict, description="For each model, the loss with the least held-out residual."
     )
     best: ElasticModel | None = Field(
         default=None, description="Model of least mean residual, each with its best loss."
@@ -460,7 +470,9 @@ class CauseTest(Message):
     """Test of something that may have moved the targets in addition to the joints."""
 
     name: Name = Field(description="Name of the cause, as in the `causes` of a run.")
-    first: Name | None = Field(description="Label of the first observation that it concerns; null for all.")
+    first: Name | None = Field(
+        description="Label of the first observation that the cause concerns; null for all observations."
+    )
     p_value: Dimensionless[float] = Field(
         description="p-value of its F test, added to the joints: the larger of those with the weights stated "
         "and with equal weights."
@@ -548,7 +560,7 @@ class RunResult(Result):
 
     @property
     def summary(self) -> ResultSummary:
-        """Excerpt for listings."""
+        """Summary of the result for listings."""
         return ResultSummary(
             verdict=self.assessment.verdict,
             compensation=self.compensation,
@@ -557,11 +569,11 @@ class RunResult(Result):
             warning_count=len(self.warnings),
         )
 
-    def mean_lengths(self, of: Literal["deflection", "residual"]) -> dict[str, float]:
-        """Return observation's label → mean length [m] of its targets' deflections, or of their residuals."""
+    def mean_lengths(self, quantity: Literal["deflection", "residual"]) -> dict[str, float]:
+        """Return label of an observation → mean length [m] of the quantity over the targets."""
         lengths: dict[str, list[float]] = {}
-        for each in self.residuals:
-            lengths.setdefault(each.observation, []).append(hypot(*getattr(each, of)))
+        for residual in self.residuals:  # one for each target in each observation
+            lengths.setdefault(residual.observation, []).append(hypot(*getattr(residual, quantity)))
         return {label: sum(values) / len(values) for label, values in lengths.items()}
 
 
@@ -576,9 +588,9 @@ class Run(Job):
 
     @property
     def elasticity(self) -> Elasticity:
-        """Elements that bend in the model of the result; before there is a result, those of the request."""
+        """Elasticity of the result's model; before the run has ended, the elasticity of the request."""
         choice = None if self.result is None else self.result.choice
-        if self.request.weight is not None:
+        if self.request.weight is not None:  # identification by own weight supports joints only
             return "joints"
         return self.request.elasticity if choice is None else choice.elasticity
 

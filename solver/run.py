@@ -88,7 +88,7 @@ class Identification:
         self._noticed = tuple(noticed)
         self.long: Draws | Competition | None = None
         if options.weight is None:  # a run by the robot's own weight has no long part
-            causes = [cause.pair for cause in options.causes]
+            causes = [cause.name_and_first_label for cause in options.causes]
             self._measurements = fit_causes(robot, measurements.require_loads(), causes)
             self._settings = Settings.from_options(options, robot)
             self.long = self._competition

@@ -211,7 +211,7 @@ class Watch:
         try:
             database = self._store.ping()
             if self._keyring is not None:
-                self._keyring.look()
+                self._keyring.read_keys()
             workers = len(self._store.heartbeats.living(SILENT))
             stored = self._store.quota.used()
         except StoreError as error:

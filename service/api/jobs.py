@@ -31,7 +31,7 @@ from jointstiff.service.jobs import Jobs
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems import NotFoundError, StoreUnavailableError
-from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, KeyOf, requester_of
+from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, RequesterKeyDependency, get_requester
 from jointstiff.service.store.jobs import JOB, JobStatus
 from jointstiff.service.store.tables import OPEN_STATES, AccessKey, JobRecord
 
@@ -210,7 +210,7 @@ def _make_event(name: str, job: Job) -> ServerSentEvent:
 
 
 JobId = Annotated[str, Path(max_length=64, description="Id of the job.")]
-RequesterKey = Annotated[AccessKey | None, KeyOf]
+RequesterKey = Annotated[AccessKey | None, RequesterKeyDependency]
 Wait = Annotated[WaitQuery, Query()]
 ANY_JOB: Final[Any] = Annotated[
     Union[tuple(kind.message for kind in KINDS)],  # noqa: UP007 - of types known at run time
@@ -348,7 +348,7 @@ async def _events_of_job(
     await run_in_threadpool(jobs.records.refuse_deleted, job_id)
     gate: Gate = request.app.state.gate
     followers: Followers = request.app.state.followers
-    return followers.events(jobs, job_id, lambda: gate.still_opens(request, requester_of(request).key))
+    return followers.events(jobs, job_id, lambda: gate.may_continue(request, get_requester(request).key))
 
 
 @router.get("/{job_id}/events", dependencies=[VIEWER], response_class=EventSourceResponse)

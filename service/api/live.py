@@ -19,7 +19,7 @@ from jointstiff.service.api.bodies import BodyRoute, json_body
 from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.jobs import RequesterKey
 from jointstiff.service.live.stored import OpenSets
-from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, requester_of
+from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, get_requester
 
 Id = Annotated[str, Path(max_length=64, description="Id of the set.")]
 POLL_SECONDS: Final = 0.5
@@ -130,8 +130,8 @@ async def _stream_states(
         if silent_seconds >= QUIET_SECONDS:
             silent_seconds = 0.0
             yield KEEPALIVE_COMMENT
-        if poll_count % POLLS_PER_CHECK == 0 and not await gate.still_opens(
-            request, requester_of(request).key
+        if poll_count % POLLS_PER_CHECK == 0 and not await gate.may_continue(
+            request, get_requester(request).key
         ):
             return
         if await run_in_threadpool(sets.revision, set_id) != sent_revision:

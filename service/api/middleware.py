@@ -21,7 +21,14 @@ from jointstiff.service.api.answers import ANSWER_HEADERS, REQUEST_ID_HEADER, an
 from jointstiff.service.api.health import Metrics
 from jointstiff.service.problems import StoreError, http_problem
 from jointstiff.service.process import ACCESS_LOGGER, REQUEST_ID
-from jointstiff.service.security.access import REQUESTER, Audit, Gate, Requester, address_of, public_paths
+from jointstiff.service.security.access import (
+    REQUESTER,
+    Audit,
+    Gate,
+    Requester,
+    find_public_paths,
+    get_client_address,
+)
 from jointstiff.service.security.admission import SAFE, AccessPolicy, find_refusal, is_loopback
 from jointstiff.service.security.keys import hide_secrets
 
@@ -50,7 +57,7 @@ class Guard:
         """
         self._app = app
         self._policy, self._gate, self._audit = policy, gate, audit
-        self._public_paths, self._public_mounts = public_paths(routes)
+        self._public_paths, self._public_mounts = find_public_paths(routes)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Forward a request, with its requester in the scope, or refuse it."""
@@ -61,7 +68,7 @@ class Guard:
         elif REQUESTER in scope:  # another process of the service has identified the requester
             await self._app(scope, receive, send)
         else:
-            requester = scope[REQUESTER] = Requester(None, self._gate.is_open, address_of(scope))
+            requester = scope[REQUESTER] = Requester(None, self._gate.is_open, get_client_address(scope))
             await self._admit(requester, scope, receive, send)
 
     async def _admit(self, requester: Requester, scope: Scope, receive: Receive, send: Send) -> None:
@@ -74,7 +81,7 @@ class Guard:
         elif (
             scope["path"] != _LIVENESS_PATH
             and not is_loopback(requester.address)
-            and await self._gate.awaits_key()
+            and await self._gate.awaits_first_key()
         ):
             await answer_problem(http_problem(403, *_NO_KEY_YET))(scope, receive, send)
         elif scope["path"].startswith(self._public_mounts):
@@ -82,7 +89,7 @@ class Guard:
         elif scope["method"] in SAFE:
             await self._authorise_and_forward(requester, scope, receive, send)
         else:
-            await self._audit.follow(
+            await self._audit.answer_and_record(
                 requester,
                 scope,
                 send,
@@ -101,7 +108,7 @@ class Guard:
             if not is_public or scope["path"].startswith("/v1/"):
                 requester.key = await self._gate.find_key(HTTPConnection(scope), requester.address)
             if not is_public:
-                requester.require("viewer")
+                requester.require_role("viewer")
         except StoreError as error:
             await answer_error(error)(scope, receive, send)
         else:

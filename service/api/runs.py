@@ -43,7 +43,7 @@ from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.jobs import Jobs, Parts
 from jointstiff.service.kinds.program.kind import PROGRAM
 from jointstiff.service.kinds.program.work import compress_file
-from jointstiff.service.problems import NotFoundError, place_in_document
+from jointstiff.service.problems import NotFoundError, find_path_in_document
 from jointstiff.service.resources.imports import import_files
 from jointstiff.service.resources.stored import load_job, robot_from_record
 from jointstiff.service.runs.deflection import predict_by_run
@@ -246,7 +246,7 @@ def _name_section_in_errors(section: str) -> Iterator[None]:
     try:
         yield
     except JointstiffError as error:
-        error.where = place_in_document(section, error.where)
+        error.where = find_path_in_document(section, error.where)
         raise
 
 
@@ -307,7 +307,7 @@ def _import_as_json(parts: Parts, files: list[UploadFile], options: ImportReques
     robot = None if options.robot_id is None else parts.robots.find(options.robot_id, None)
     sources = [SourceFile(*read_named_file(file)) for file in files]
     with garbage_collector_paused():
-        return import_files(sources, options, robot, parts.robots.known()).model_dump_json()
+        return import_files(sources, options, robot, parts.robots.list_confusable_robots()).model_dump_json()
 
 
 def read_named_file(file: UploadFile) -> tuple[str, bytes]:

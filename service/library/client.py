@@ -37,9 +37,9 @@ from jointstiff.service.library.verbs import Verbs
 from jointstiff.service.problems import AwayError, RefusedError, as_campaign_error, http_problem
 from jointstiff.service.resources.documents import (
     AnyCampaign,
-    json_text,
     parse_document,
     read_campaign,
+    to_json_text,
 )
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.errors import RequestError
@@ -252,7 +252,7 @@ class Client(Verbs):
         """
         document = to_json_object(campaign if isinstance(campaign, Mapping) else read_campaign(campaign))
         # Sorted keys: the same content gives the same text, and so the same idempotency key.
-        text = json.dumps(json.loads(json_text(document)), sort_keys=True)
+        text = json.dumps(json.loads(to_json_text(document)), sort_keys=True)
         key = content_key(text) if once else None
         return self.runs.parse_answer(self.send("POST", "/v1/campaigns", _WAIT_QUERY, text, key))
 
@@ -414,7 +414,7 @@ class Client(Verbs):
         """
         request: dict[str, Any] = {"params": query}
         if document is not None:
-            content = document if isinstance(document, str) else json_text(to_json_object(document))
+            content = document if isinstance(document, str) else to_json_text(to_json_object(document))
             request["headers"] = {"Idempotency-Key": key or uuid4().hex}
             if files:
                 request |= {

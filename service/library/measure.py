@@ -49,7 +49,7 @@ from jointstiff.service.problems import (
     as_campaign_error,
     http_problem,
 )
-from jointstiff.service.resources.documents import parse_document, read_planned
+from jointstiff.service.resources.documents import parse_document, read_plan_source
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
@@ -118,8 +118,8 @@ class _SetInProcess:
             resolved = resolve_stated_frame(post)
         with as_campaign_error(""):
             self._campaign = LiveCampaign(Declaration(robot.robot, post, resolved))
-            # The planned readings are computed now, so that an impossible declaration raises its error here.
-            _ = self._campaign.declared.ahead
+            # The candidate readings are computed now, so that an impossible declaration raises its error here.
+            _ = self._campaign.declaration.candidate_readings
 
     def state(self) -> LiveState:
         """Return the results of the readings so far, and the next planned reading."""
@@ -631,7 +631,7 @@ def _robot_and_campaign(source: Any) -> tuple[RobotDocument, Campaign | None]:  
 
     if isinstance(source, TabledRun):
         source = source.campaign
-    source = read_planned(source)
+    source = read_plan_source(source)
     if isinstance(source, messages.Campaign):
         return source.robot, Campaign.from_message(source)
     return robots.robot(source), None

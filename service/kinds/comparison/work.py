@@ -266,7 +266,7 @@ def _make_solver_side(inputs: Inputs, leading: MeasuredRun, runs: Sequence[Measu
     if run.request.leave_out:
         set_id = run.request.measurement_set_id
         prepared = inputs.measured(set_id, "run_ids", run.request.leave_out)
-    causes = [cause.pair for cause in run.request.causes]
+    causes = [cause.name_and_first_label for cause in run.request.causes]
     measurements = fit_causes(prepared.robot, prepared.measurements, causes)
     k_c = run.result.complementary_stiffness if run.result else None
     model = _rebuild_joint_model(run, prepared.robot)

@@ -8,7 +8,7 @@ from jointstiff.schemas.plan import PlanOptions
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.kinds.plan.kind import PLAN
 from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
-from jointstiff.service.resources.documents import read_planned
+from jointstiff.service.resources.documents import read_plan_source
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -96,7 +96,7 @@ def plan(
     """
     with JobMonitor(on_progress, cancel, executor) as monitor:
         door = door.begun(monitor)
-        planned = read_planned(source)
+        planned = read_plan_source(source)
         if isinstance(planned, RobotDocument):
             request: dict[str, Any] = {"robot_id": door.described(planned)}
         else:

@@ -89,7 +89,7 @@ def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
             request = request.model_copy(update={"load": OwnWeight()})
         by_weight = isinstance(request.load, OwnWeight)
         if not by_weight:
-            causes = [cause.pair for cause in request.causes]
+            causes = [cause.name_and_first_label for cause in request.causes]
             readings = fit_causes(prepared.robot, prepared.measurements.require_loads(), causes)
             prepared = replace(prepared, measurements=readings)
         plan_input = PlanInput(prepared.robot, prepared.robot_id, prepared.content, prepared)

@@ -332,7 +332,7 @@ class TestMethods:
             (
                 {"methods": [{"method": "partial_pose", "characteristic_length": 0.5}]},
                 "methods[0].characteristic_length",
-                "needs weighting `characteristic_length`, not `covariance`",
+                "needs the weighting `characteristic_length`, not `covariance`",
             ),
             ({"constraints": ["positive", "positive"]}, "constraints", "must not contain duplicates"),
             ({"constraints": []}, "constraints", "must have at least 1 items, but has 0"),

@@ -292,6 +292,6 @@ def test_a_robot_is_of_a_geometry_that_is_there(local):
     model = {"format": "geometry", "geometry_id": "nobody"}
     answer = local.request("POST", "/v1/robots", json={"name": "as measured", "model": model})
     assert told(answer) == (
-        "422 | model.geometry_id | there is no geometry 'nobody' | check the id; list them with GET "
-        "/v1/jobs?kind=geometry"
+        "422 | model.geometry_id | there is no geometry 'nobody' | check the id; list the existing ids "
+        "with GET /v1/jobs?kind=geometry"
     )
