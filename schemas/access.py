@@ -25,7 +25,8 @@ class KeyRequest(Message):
     )
     role: Role = Field(description=_ROLE)
     expires_at: AwareDatetime | None = Field(
-        default=None, description="Time at which the key ends, with a time zone; null: when it is revoked."
+        default=None,
+        description="Time at which the key ends, with a time zone; null: it is valid until it is revoked.",
     )
 
     @field_validator("expires_at")
@@ -54,8 +55,8 @@ class Key(Message):
     )
     key: str | None = Field(
         default=None,
-        description="Secret to send as `Authorization: Bearer …`: in the answer that created the key, null "
-        "ever after.",
+        description="Secret to send as `Authorization: Bearer …`; only in the answer that creates the key, "
+        "else null.",
     )
 
 

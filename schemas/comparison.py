@@ -65,8 +65,8 @@ class ComparisonRequest(ComparisonOptions):
     """A comparison as it is posted: runs of one or two measurement sets, which are its sides."""
 
     run_ids: Annotated[list[Identifier], Field(min_length=2, max_length=MAX_COMPARED)] = Field(
-        description="Runs to compare. Two sets are compared by the first run of each; if a constraint holds "
-        "one of its joints, list the same run with `positive` false, too: ratios are those of estimates "
+        description="Runs to compare. Two sets are compared by the first run of each; if a constraint is "
+        "active on a joint, list the same run with `positive` false, too: ratios are those of estimates "
         "without constraints."
     )
 
@@ -123,7 +123,7 @@ class ComparedRun(Message):
     """One run of the comparison; it has no numbers if it has failed."""
 
     run_id: Identifier
-    side: Side = Field(description="Side that has its readings.")
+    side: Side = Field(description="Side to which the run's readings belong.")
     method: Method
     weighting: Weighting
     characteristic_length: Metres[float | None] = Field(
@@ -150,8 +150,8 @@ class ComparedRun(Message):
     draws: Resampling | None = Field(description="Draws of the resampling, if there was one.")
     resampling: ResamplingResult | None = Field(description="Results of the resampling, if there was one.")
     left: Metres[list[float | None]] = Field(
-        description="Mean length of what the model leaves of the deflection in each configuration of the "
-        "side, over its targets; null where the run leaves it out."
+        description="Mean length of the residuals in each configuration of the side, over its targets; null "
+        "where the run leaves the configuration out."
     )
 
 
@@ -160,11 +160,11 @@ class ComparedSide(Message):
 
     side: Side
     measurement_set_id: Identifier
-    run_id: Identifier = Field(description="Run by which the side is compared with the other one.")
+    run_id: Identifier = Field(description="Run that represents the side in the comparison.")
     configurations: list[Name] = Field(description="Labels of its observations.")
     deflection: Metres[list[float | None]] = Field(
         description="Mean length of the measured deflection in each configuration, over its targets; null "
-        "where all runs leave it out."
+        "where all runs leave the configuration out."
     )
 
 
@@ -241,7 +241,7 @@ class OrderedJoint(Message):
     )
     compliance_interval_second: Compliance[tuple[float, float] | None]
     equal: StrictBool = Field(
-        description="True if the order makes both equal: separate fits would violate it."
+        description="True if the order makes both compliances equal: separate fits would violate the order."
     )
 
 
@@ -250,8 +250,8 @@ class OrderedResult(Message):
 
     joints: list[OrderedJoint]
     chi_square_increase: float = Field(
-        description="Increase of both sides' χ² due to the order. If far larger than the number of "
-        "joints held equal, the readings contradict the order. Dimensionless."
+        description="Increase of both sides' χ² due to the order. If far larger than the number of `equal` "
+        "joints, the readings contradict the order. Dimensionless."
     )
     certificate: Certificate = Field(description="Proof of optimality.")
 
@@ -260,8 +260,8 @@ class ComparisonResult(Result):
     """Runs side by side; of two measurement sets also the ratios of the stiffnesses."""
 
     assessment: Assessment = Field(
-        description="Worst verdict with its reasons: of all runs of one set, or of the two runs by which two "
-        "sets are compared; equal kinds and places once."
+        description="Worst verdict with its reasons: of all runs of one set, or of the two runs by which "
+        "two sets are compared; reasons of equal kind and place once."
     )
     confidence: Dimensionless[float] = Field(description="Confidence level of ratios.")
     sides: list[ComparedSide] = Field(description="One or two measurement sets.")
@@ -270,7 +270,7 @@ class ComparisonResult(Result):
     avoided: AvoidedDeflection | None = Field(
         description="Deflection that the second side avoids; null for one side."
     )
-    ordered: OrderedResult | None = Field(description="Both sides in one problem, if requested.")
+    ordered: OrderedResult | None = Field(description="Common fit of both sides, if requested.")
     warnings: list[Finding] = Field(
         description="Warnings of the measurement sets and of the fits, then of the comparison; with two "
         "sides, `where` starts with the side. Duplicates are omitted."

@@ -103,7 +103,7 @@ class ImportOptions(Message):
     )
     by_order: StrictBool = Field(
         default=False,
-        description="Number the rows of files without names: the first row of each is observation 1.",
+        description="Number the rows of files without names: the first row of each file is observation 1.",
     )
     allow_missing: StrictBool = Field(
         default=False,
@@ -167,7 +167,7 @@ class ImportFault(Message):
     reason: str = Field(description="Description of the fault.")
     remedy: str = Field(description="Recommended correction.")
     option: str | None = Field(
-        default=None, description="Option that corrects it.", examples=["units.length", "decimal_mark"]
+        default=None, description="Option that corrects the fault.", examples=["units.length", "decimal_mark"]
     )
     words: list[str] = Field(
         default_factory=list,
