@@ -78,7 +78,7 @@ class Session(Message):
         description="Callers that the service answers. `loopback`: programs of this machine; `keys`: "
         "holders of a key; `none`: everyone who reaches the address."
     )
-    key_id: str | None = Field(description="Id of the caller's key; null without a valid one.")
+    key_id: str | None = Field(description="Id of the caller's key; null without a valid key.")
     key_name: str | None = Field(description="Name of that key.")
     role: Role | None = Field(description="Role of that key.")
     ends_at: Timestamp | None = Field(
@@ -90,7 +90,7 @@ class AuditItem(Message):
     """An attempt to change something."""
 
     at: Timestamp
-    key_id: str | None = Field(description="Id of the caller's key; null without a valid one.")
+    key_id: str | None = Field(description="Id of the caller's key; null without a valid key.")
     key_name: str | None = Field(description="Name of the key.")
     address: str = Field(description="Address of the caller; `terminal`: a command on the database.")
     method: str = Field(description="HTTP method.")

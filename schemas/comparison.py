@@ -188,8 +188,8 @@ class JointRatio(Message):
     )
     p_value: Dimensionless[float | None] = Field(
         default=None,
-        description="p-value of the hypothesis that the compliance has not changed (two-sided). Small: it "
-        "has changed.",
+        description="p-value of the hypothesis that the compliance has not changed (two-sided). A small "
+        "value means that it has changed.",
     )
     reason: str | None = Field(default=None, description="Reason why there is no ratio.")
 

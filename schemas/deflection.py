@@ -181,7 +181,9 @@ class CartesianCompliance(Message):
         description="True if the matrices are symmetric; a moment of constant "
         "direction makes them asymmetric."
     )
-    along: DirectionalStiffness | None = Field(description="Null without a force and a direction.")
+    along: DirectionalStiffness | None = Field(
+        description="Stiffness along the direction; null without a force and a direction."
+    )
     worst: WorstDirection
 
 
@@ -194,7 +196,7 @@ class DeflectionBudget(Message):
     )
     included: list[str] = Field(description="Sources that `standard_uncertainty` combines.")
     standard_uncertainty: Metres[float]
-    coverage_factor: Dimensionless[float] = Field(description="Factor for the request's confidence.")
+    coverage_factor: Dimensionless[float] = Field(description="Factor for the requested confidence.")
     expanded_uncertainty: Metres[float]
     expanded_with_model_error: Metres[float] = Field(description="Expanded uncertainty of all sources.")
 
@@ -222,7 +224,7 @@ class CaseResult(Message):
         "the uncertainty is unknown.",
     )
     remarks: list[str] = Field(
-        description="Extrapolations by name, or reasons why there is no number or no bound."
+        description="Extrapolations, and reasons why a number or an interval is missing."
     )
 
 

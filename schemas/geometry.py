@@ -202,8 +202,8 @@ class GeometryResult(Result):
     )
     poses: PoseEvidence | None = Field(description="Calibration from poses; null for sweeps.")
     sigma: Metres[float] = Field(
-        description="Standard uncertainty of a coordinate, from which all others follow; for an instrument, "
-        "the root mean square over the readings."
+        description="Standard uncertainty of a coordinate, from which all other uncertainties follow; for "
+        "an instrument, the root mean square over the readings."
     )
     sigma_source: Literal["stated", "residuals"]
     degrees_of_freedom: int

@@ -148,13 +148,13 @@ class FilePreview(Message):
         default_factory=list, description="Lines or rows of the file that make the header; empty without one."
     )
     first_lines: list[int] = Field(
-        default_factory=list, description="Line or row of the file of each of `first_rows`."
+        default_factory=list, description="Number of the line or row in the file, for each of `first_rows`."
     )
     fault_rows: list[list[str]] = Field(
         default_factory=list, description="Rows with faults beyond the first ones, as they are in the file."
     )
     fault_lines: list[int] = Field(
-        default_factory=list, description="Line or row of the file of each of `fault_rows`."
+        default_factory=list, description="Number of the line or row in the file, for each of `fault_rows`."
     )
 
 

@@ -64,12 +64,14 @@ class Job(Message):
     id: Identifier
     kind: str
     state: JobState = Field(description="While `queued` or `running`, poll its address or follow its events.")
-    progress: Progress | None = Field(default=None, description="Null for a job that is computed at once.")
+    progress: Progress | None = Field(
+        default=None, description="Progress; null for a job that is computed at once."
+    )
     request: Message
     result: Message | None = Field(description="Result; present if the job has succeeded.")
     error: Problem | None = Field(description="Present if the job has failed.")
     provenance: Provenance
-    key_id: str | None = Field(default=None, description="Id of the requester's key; null without one.")
+    key_id: str | None = Field(default=None, description="Id of the requester's key; null without a key.")
     key_name: str | None = Field(default=None, description="Name of this key.")
 
     @classmethod

@@ -120,8 +120,10 @@ class LiveState(Message):
     assessment: Assessment | None = Field(description="Verdict so far; null without a verdict.")
     next: PlannedReading | None = Field(description="Next reading; null if nothing is left to read.")
     warnings: list[Finding] = Field(default_factory=list, description="Findings in the readings.")
-    measurement_set_id: Identifier | None = Field(default=None, description="The set, once it is closed.")
-    run_id: Identifier | None = Field(default=None, description="The run of the closed set.")
+    measurement_set_id: Identifier | None = Field(
+        default=None, description="Measurement set, once the campaign is closed."
+    )
+    run_id: Identifier | None = Field(default=None, description="Run of the closed measurement set.")
 
 
 class MeasurementSetPost(MeasurementSetRequest):

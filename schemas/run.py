@@ -127,7 +127,7 @@ class BudgetComponent(Message):
         description="Contribution to the standard uncertainty of each joint of the budget."
     )
     correlation: Dimensionless[list[list[float]]] = Field(
-        description="Correlation coefficients between the joints by this source; 0 if a contribution is 0."
+        description="Correlation coefficients between the joints from this source; 0 if a contribution is 0."
     )
 
 
@@ -490,7 +490,9 @@ class RunResult(Result):
     )
     goodness: Goodness
     identifiability: Identifiability
-    certificate: Certificate = Field(description="Largest violations over the stages.")
+    certificate: Certificate = Field(
+        description="Largest violations of the optimality conditions over the stages."
+    )
     characteristic_length: Metres[float | None] = Field(
         description="Length that was used, if the weighting needs one."
     )
@@ -509,9 +511,9 @@ class RunResult(Result):
     )
     links: LinksResult | None = Field(
         default=None,
-        description="Elastic links or coupling, if requested. The joints' numbers are then effective: of "
-        "the joint and its link's rotation about its axis. Their intervals contain all values that fit the "
-        "readings with 0.3 times the best penalty; null if `link_penalty` is given.",
+        description="Elastic links or coupling, if requested. The joints' numbers are then effective: those "
+        "of a joint together with the rotation of its link about the joint's axis. Their intervals contain "
+        "all values that fit the readings with 0.3 times the best penalty; null if `link_penalty` is given.",
     )
     choice: ModelChoice | None = Field(
         default=None,
