@@ -61,9 +61,9 @@ class NamedCause(Message):
     """Something that moved the targets, too, such as a load point elsewhere or play in gears."""
 
     name: Name = Field(
-        description="Name: `load_point`, `constant_force` (axes of R0), `load_zero` (a force in the flange's "
-        "axes), `load_scale` (of each distinct load, or before and after), `play`, `shift` or `turn` (with a "
-        "shift) of what was read under load."
+        description="Name: `load_point`, `constant_force` (axes of R0), `load_zero` (a force along the "
+        "flange's axes), `load_scale` (of each distinct load, or before and after), `play`, `shift` or "
+        "`turn` (with a shift) of all positions read under load."
     )
     first: Name | None = Field(
         default=None,
@@ -81,9 +81,9 @@ class Action(Message):
 
     kind: ActionKind = Field(
         description="Action. `fit_causes` fits `causes` with the joints and leaves the readings as they "
-        "are; `convert_units` declares `unit` and keeps the numbers; `exchange_readings` "
-        "exchanges unloaded and loaded readings; `choose_model` lets the readings choose elasticity and "
-        "loss; `choose_robot` keeps the readings and takes `robot`."
+        "are; `convert_units` declares `unit` and keeps the numbers; `exchange_readings` exchanges unloaded "
+        "and loaded readings; `choose_model` lets the readings choose elasticity and loss; `choose_robot` "
+        "identifies the same readings with `robot`."
     )
     observations: list[Name] = Field(description="Labels of the observations to omit, or to show.")
     joints: list[Name] = Field(description="Joints whose columns are exchanged, or whose map is corrected.")
@@ -235,14 +235,14 @@ class Finding(Message):
 
     code: FindingCode = Field(description="Kind of the finding.")
     weight: Verdict = Field(
-        description="Best verdict that it allows: `do_not_use`, almost certainly a mistake, to be corrected "
-        "first; `use_with_care`, to be checked; `use`, a mere remark. A run sums up the "
+        description="Best verdict that the finding allows: `do_not_use`, almost certainly a mistake, to be "
+        "corrected first; `use_with_care`, to be checked; `use`, a mere remark. A run summarises the "
         "findings of its set by kind, and may explain them."
     )
     where: str | None = Field(
         default=None,
-        description="Observation, reading, sweep or joint; null for the whole. Of two sides it begins with "
-        "the side.",
+        description="Observation, reading, sweep or joint; null for the whole set. With two sides it begins "
+        "with the side.",
     )
     observation: Name | None = Field(
         default=None, description="Label of the observation; null if the finding concerns none or several."
@@ -274,7 +274,7 @@ class Assessment(Message):
     )
     notes: list[str] = Field(
         default_factory=list,
-        description="Checks that these readings do not allow, and assumptions in their place.",
+        description="Checks that these readings do not allow, and assumptions made instead.",
     )
 
 

@@ -59,8 +59,8 @@ class SweepEvidence(Message):
     positions: int
     arc: Radians[float] = Field(description="Arc covered by the readings.")
     radial_rms: Metres[dict[Name, float | None]] = Field(
-        description="Root mean square of the radial residuals by target; of those across the axis in a sweep "
-        "that turns two axes. Null without a reading."
+        description="Root mean square of the radial residuals by target; in a sweep that turns two axes, of "
+        "the residuals across the axis. Null without a reading."
     )
     axial_rms: Metres[dict[Name, float | None]] = Field(
         description="Root mean square of the residuals along the axis by target; null without a reading."
@@ -122,7 +122,7 @@ class WristResult(Message):
     combined: WristCentre = Field(description="Weighted mean of the estimates, weights by their information.")
     distances: list[WristDistance]
     posture: Radians[list[float]] = Field(
-        description="Model angles at which the centre is given; those of the wrist do not matter."
+        description="Model angles at which the centre is given; the angles of the wrist joints do not matter."
     )
     miss_distance: Metres[float] = Field(
         description="Largest distance of one of the three axes from the point nearest to them."
@@ -202,8 +202,8 @@ class GeometryResult(Result):
     )
     poses: PoseEvidence | None = Field(description="Calibration from poses; null for sweeps.")
     sigma: Metres[float] = Field(
-        description="Standard uncertainty of a coordinate, from which all others follow; for an instrument, "
-        "the root mean square over the readings."
+        description="Standard uncertainty of a coordinate, from which all other uncertainties follow; for "
+        "an instrument, the root mean square over the readings."
     )
     sigma_source: Literal["stated", "residuals"]
     degrees_of_freedom: int
@@ -212,11 +212,11 @@ class GeometryResult(Result):
         "Dimensionless."
     )
     agreement_probability: float | None = Field(
-        description="p-value of one robot model for all sweeps. Small: fit the sweeps one by one."
+        description="p-value of one robot model for all sweeps. If it is small, fit the sweeps one by one."
     )
     controller_probability: float | None = Field(
-        description="p-value of the controller's angles. Not small: `angles` = `controller` gives the better "
-        "estimate."
+        description="p-value of the controller's angles. If it is not small, `angles` = `controller` gives "
+        "the better estimate."
     )
     base: Literal["nominal", "axes"] = Field(description="Definition of R0.")
     transform_tracker_to_base: Rigid

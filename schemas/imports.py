@@ -103,7 +103,7 @@ class ImportOptions(Message):
     )
     by_order: StrictBool = Field(
         default=False,
-        description="Number the rows of files without names: the first row of each is observation 1.",
+        description="Number the rows of files without names: the first row of each file is observation 1.",
     )
     allow_missing: StrictBool = Field(
         default=False,
@@ -149,14 +149,14 @@ class FilePreview(Message):
     )
     first_lines: list[int] = Field(
         default_factory=list,
-        description="Numbers of the lines of the file, or rows of the sheet, in `first_rows`.",
+        description="Number of the line or row in the file, for each of `first_rows`.",
     )
     fault_rows: list[list[str]] = Field(
         default_factory=list, description="Rows with faults beyond the first ones, as they are in the file."
     )
     fault_lines: list[int] = Field(
         default_factory=list,
-        description="Numbers of the lines of the file, or rows of the sheet, in `fault_rows`.",
+        description="Number of the line or row in the file, for each of `fault_rows`.",
     )
 
 
@@ -169,7 +169,7 @@ class ImportFault(Message):
     reason: str = Field(description="Description of the fault.")
     remedy: str = Field(description="Recommended correction.")
     option: str | None = Field(
-        default=None, description="Option that corrects it.", examples=["units.length", "decimal_mark"]
+        default=None, description="Option that corrects the fault.", examples=["units.length", "decimal_mark"]
     )
     words: list[str] = Field(
         default_factory=list,

@@ -39,7 +39,7 @@ class Result(Message):
     assessment: Assessment | None
     joint_kinds: dict[Name, JointKind] = Field(
         default_factory=dict,
-        description="Kinds of the joints in order, where one is prismatic; empty if all turn.",
+        description="Kinds of the joints in order; empty if all are revolute.",
     )
 
     @property
@@ -64,12 +64,14 @@ class Job(Message):
     id: Identifier
     kind: str
     state: JobState = Field(description="While `queued` or `running`, poll its address or follow its events.")
-    progress: Progress | None = Field(default=None, description="Null for a job that is computed at once.")
+    progress: Progress | None = Field(
+        default=None, description="Progress; null for a job that is computed at once."
+    )
     request: Message
     result: Message | None = Field(description="Result; present if the job has succeeded.")
     error: Problem | None = Field(description="Present if the job has failed.")
     provenance: Provenance
-    key_id: str | None = Field(default=None, description="Id of the requester's key; null without one.")
+    key_id: str | None = Field(default=None, description="Id of the requester's key; null without a key.")
     key_name: str | None = Field(default=None, description="Name of this key.")
 
     @classmethod
@@ -114,7 +116,9 @@ class JobSummary(ResultSummary):
     run_id: Identifier | None = Field(default=None, description="Run of a map or a program.")
     method: Method | None = None
     weighting: Weighting | None = None
-    positive: StrictBool | None = Field(default=None, description="True if every compliance was constrained.")
+    positive: StrictBool | None = Field(
+        default=None, description="True if every compliance was constrained to be zero or positive."
+    )
     elasticity: Elasticity | None = Field(default=None, description="Parts that bend.")
     leave_out: list[Name] = Field(default_factory=list, description="Omitted observations.")
     variant_of: Identifier | None = Field(default=None, description="Run that a run tries to improve.")
@@ -128,7 +132,7 @@ class JobChange(Message):
     """Changes of a job: its end, its deletion. Omitted fields remain unchanged."""
 
     cancelled: Literal[True] | None = Field(
-        default=None, description="True to cancel the job; one that has ended stays as it is."
+        default=None, description="True to cancel the job; a job that has ended stays as it is."
     )
     deleted: StrictBool | None = Field(
         default=None,

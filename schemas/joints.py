@@ -20,7 +20,7 @@ JointKind = Literal["revolute", "prismatic"]
 StatedKind = Annotated[
     JointKind,
     Field(
-        description="Kind of the joint; of a `prismatic` one positions are in m, stiffnesses in N/m, "
+        description="Kind of the joint; for a `prismatic` joint positions are in m, stiffnesses in N/m, "
         "compliances in m/N."
     ),
 ]

@@ -220,7 +220,7 @@ Rotation = tuple[Vector3, Vector3, Vector3]
 
 
 class Frame(Message):
-    """Positions are in a tracker's frame: by a geometry, or by an explicit transform to R0."""
+    """Frame of a tracker, stated by a geometry or by an explicit transform to R0."""
 
     geometry_id: Identifier | None = Field(
         default=None,
@@ -272,7 +272,7 @@ class ResolvedFrame(Message):
     translation: Metres[Vector3] = Field(description="The tracker's origin in R0.")
     flange_targets: Metres[dict[Name, Vector3]] = Field(
         description="Targets of the geometry in the flange frame, used for deflections of targets that the "
-        "set does not place; empty if it has another flange frame."
+        "set does not place; empty if the geometry has another flange frame."
     )
 
 
@@ -346,9 +346,9 @@ LEAST_DIRECTION = 1e-6
 
 
 class SetChange(ResourceChange, SetMetadata):
-    """Changes of a measurement set, its readings apart; and of an open one, what becomes of a reading.
+    """Changes of a measurement set, but not of its readings.
 
-    Omitted fields remain unchanged.
+    In a live campaign, readings to withdraw, keep or skip. Omitted fields remain unchanged.
     """
 
     withdrawn: Annotated[dict[Name, Notes], Field(max_length=MAX_OBSERVATIONS)] = Field(
@@ -358,7 +358,7 @@ class SetChange(ResourceChange, SetMetadata):
         examples=[{"m04": "target P11 was blocked"}],
     )
     kept: Annotated[list[Name], Field(max_length=MAX_OBSERVATIONS)] = Field(
-        default_factory=list, description="Labels of doubtful readings that count, as they are right."
+        default_factory=list, description="Labels of doubtful readings that are to count."
     )
     skipped: Name | None = Field(
         default=None,
@@ -435,8 +435,8 @@ class Reading(Message):
     sigma: Sigma | None = Field(
         default=None,
         description="Standard uncertainty of one coordinate of either position of this reading, or of the "
-        "gauge before and under load, in units.length. All readings of the tracker state their own noise, "
-        "or none and `noise` does; a reading along a direction may state its own in addition to them.",
+        "gauge before and under load, in units.length. Either all tracker readings state their own noise, "
+        "or none does and `noise` states it; a reading along a direction may state its own in any case.",
     )
     unloaded_covariance: Matrix3 | None = Field(
         default=None,
@@ -549,8 +549,8 @@ class MeasurementSetHeader(SetMetadata):
     )
     joint_kinds: Annotated[list[JointKind], Field(max_length=MAX_JOINTS)] | None = Field(
         default=None,
-        description="Kinds of the joints as the readings state them, such as a table whose header says which "
-        "are lengths. If stated, they must be those of the robot.",
+        description="Kinds of the joints by the source of the readings, such as the headers of a table. If "
+        "stated, they must equal those of the robot.",
     )
 
 
@@ -595,12 +595,12 @@ class StoredMeasurementSet(MeasurementSetHeader, StoredSet):
 
     resolved_frame: Rigid | None = Field(
         default=None,
-        description="Transform from tracker to R0 that `frame` stood for when the set was stored.",
+        description="Transform from tracker to R0 to which `frame` referred when the set was stored.",
     )
     geometry_targets: Metres[dict[Name, Vector3]] = Field(
         default_factory=dict,
-        description="Targets of the geometry of `frame` in the flange frame, which place those that the set "
-        "does not; empty if the geometry has another flange frame.",
+        description="Targets of the geometry of `frame` in the flange frame, used for targets that the set "
+        "does not place; empty if the geometry has another flange frame.",
     )
     warnings: list[Finding]
 

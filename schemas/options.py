@@ -54,7 +54,7 @@ class CrossValidation(Message):
     rule: Literal["best", "one_standard_error"] = Field(
         default="best",
         description="`best`: the penalty of least held-out residual (mean length; beyond 500 targets root "
-        "mean square). `one_standard_error`: the largest within one standard error of the best.",
+        "mean square). `one_standard_error`: the largest penalty within one standard error of the best.",
     )
 
 
@@ -102,7 +102,7 @@ class Balancer(Message):
 
 
 class OwnWeight(Message):
-    """Weight of the robot's bodies as the load: positions are read without another one.
+    """Weight of the robot's bodies as the load: positions are read without another load.
 
     A run estimates geometry of the robot and places of the targets, too; a plan knows no balancers.
     """
@@ -251,8 +251,8 @@ class RunOptions(MethodOptions):
     )
     causes: Causes = Field(
         default_factory=list,
-        description="Causes to fit with the joints, such as a reason of the verdict recommends: the readings "
-        "stay as they are, and the intervals include the uncertainty of the causes.",
+        description="Causes to fit with the joints, as a reason recommends: the readings stay as they are, "
+        "and the intervals include the uncertainty of the causes.",
     )
     priors: Annotated[
         dict[Name, StiffnessPrior],
@@ -279,11 +279,11 @@ class RunOptions(MethodOptions):
         validate_default=True,
         description="Elastic elements. `coupled_joints`: a full joint compliance. `diagonal_links`: joints, "
         "and six compliances per link. `joints_and_links`: joints, and a 6 x 6 compliance per link. "
-        "`joints_and_base`: joints, and one of the base below joint 1. `links_and_base`: both. `automatic`: "
-        "joints only, unless a test shows that something else bends; then the simplest model within one "
-        "standard error of the best on held-out postures. Every model but `joints` needs method "
-        "`partial_pose` and weighting `covariance`, and no bounds, priors, order, encoder readings or "
-        "resampling; with one of these, `automatic` uses joints alone.",
+        "`joints_and_base`: joints, and a 6 x 6 compliance of the base below joint 1. `links_and_base`: "
+        "joints, links and base. `automatic`: joints only, unless a test shows that something else bends; "
+        "then the simplest model within one standard error of the best on held-out postures. Every model "
+        "but `joints` needs method `partial_pose` and weighting `covariance`, and no bounds, priors, order, "
+        "encoder readings or resampling; with one of these, `automatic` uses joints alone.",
     )
     links: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list,

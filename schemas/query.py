@@ -35,13 +35,13 @@ class ListQuery(PageQuery):
 
     q: ExactName | None = Field(
         default=None,
-        description="Words, each part of a name that the list shows (its own, that of its robot or set, a "
-        "serial number); upper and lower case are the same.",
+        description="Words; each must be part of a name that the list shows (of the resource, its robot or "
+        "its set, or a serial number), in upper or lower case.",
     )
     sort: Literal["created_at", "-created_at", "name", "-name"] = Field(
         default="-created_at",
-        description="Order by time or by name; `-` reverses it: the newest come first. A run has the name of "
-        "its set.",
+        description="Order by time or by name; `-` reverses the order: the newest come first. Runs are "
+        "sorted by the name of their set.",
     )
     deleted: bool = Field(
         default=False,
@@ -69,7 +69,7 @@ class JobQuery(ListQuery):
     robot_id: Reference | None = Field(default=None, description="Filter by robot.")
     measurement_set_id: Reference | None = Field(
         default=None,
-        description="Filter by measurement set; comparisons are filtered by the set of the first side.",
+        description="Filter by measurement set; for comparisons, by the set of the first side.",
     )
     second_set_id: Reference | None = Field(
         default=None, description="Filter comparisons by the measurement set of the second side."
@@ -96,7 +96,7 @@ class FileQuery(AcceptingOptions):
     )
     details: bool = Field(default=True, description="False: only the main tables in `tables.json`.")
     file: Annotated[str, Field(max_length=MAX_NAME_LENGTH)] | None = Field(
-        default=None, description="Name of the file of a corrected `program`; default: the first one."
+        default=None, description="Name of the file of a compensated `program`; default: the first file."
     )
 
 
@@ -125,7 +125,8 @@ class SetQuery(OpenSetQuery):
 
     open: bool = Field(
         default=False,
-        description="True: only sets that are measured live; `robot_id` narrows them, no other filter.",
+        description="True: only sets that are measured live; of the other filters only `robot_id` is "
+        "allowed.",
     )
     name: ExactName | None = Field(default=None, description="Filter by name (exact).")
     encoders: Literal["motor", "secondary"] | None = Field(default=None, description="Filter by encoders.")

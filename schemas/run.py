@@ -130,7 +130,7 @@ class BudgetComponent(Message):
         description="Contribution to the standard uncertainty of each joint of the budget."
     )
     correlation: Dimensionless[list[list[float]]] = Field(
-        description="Correlation coefficients between the joints by this source; 0 if a contribution is 0."
+        description="Correlation coefficients between the joints from this source; 0 if a contribution is 0."
     )
 
 
@@ -205,13 +205,13 @@ class Advice(Message):
         description="Label of the observation with this posture, if there is one."
     )
     force: Newtons[Point] = Field(
-        description="Force on the robot, axes of R0, as large as the set's largest, at the load point of "
-        "that observation, or for a new posture at that of the largest force."
+        description="Force on the robot, axes of R0, as large as the set's largest. It acts at the load "
+        "point of that observation, or for a new posture at the load point of the largest force."
     )
     uncertainty_ratio: float | None = Field(
-        description="Standard uncertainty of the compliance after one such reading of all targets over that "
-        "before, by partial pose without constraints and priors. Null if the readings so far do "
-        "not determine the compliance. Dimensionless."
+        description="Standard uncertainty of the compliance after one such reading of all targets divided "
+        "by that before, by partial pose without constraints and priors. Null if the readings so far do not "
+        "determine the compliance. Dimensionless."
     )
     standard_uncertainty: Compliance[float | None] = Field(
         default=None,
@@ -241,9 +241,9 @@ class Identifiability(Message):
     )
     advice: list[Advice] = Field(
         default_factory=list,
-        description="Advice on the next measurements, for at most three joints: those without a number, at "
-        "zero compliance, or with a standard uncertainty above 10 %. At most two pieces per "
-        "joint, the better first.",
+        description="Advice on the next measurements, for at most three joints: joints without a number, at "
+        "zero compliance, or with a standard uncertainty above 10 %. At most two pieces per joint, the "
+        "better first.",
     )
     weakest: list[str] = Field(
         default_factory=list,
@@ -334,8 +334,8 @@ class RunRequest(RunOptions):
     measurement_set_id: Identifier
     variant_of: Identifier | None = Field(
         default=None,
-        description="Earlier run that this run is to improve with other options or corrected readings, so "
-        "that listings can group both runs; no number depends on it.",
+        description="Earlier run that this run is to improve with other options or corrected readings; "
+        "listings can group both. The field changes no number.",
     )
 
 
@@ -413,8 +413,8 @@ class Contribution(Message):
 
     joint: Name
     share: Dimensionless[float] = Field(
-        description="Contribution to the mean length of the predicted deflections; those of all joints sum "
-        "to 1. Zero for a joint without a number."
+        description="Contribution to the mean length of the predicted deflections; the contributions of all "
+        "joints sum to 1. Zero for a joint without a number."
     )
     mean: Metres[float] = Field(
         description="Contribution of the joint, mean over all readings of the targets."
@@ -441,8 +441,8 @@ class ModelChoice(Message):
     loss: Loss
     source: Literal["given", "screening", "cross_validation", "options"] = Field(
         description="`given`: named in the request. `screening`: no test shows that something besides "
-        "joints bends. `cross_validation`: compared on held-out postures. `options`: other "
-        "options exclude more than joints."
+        "joints bends. `cross_validation`: compared on held-out postures. `options`: other options allow "
+        "only joints."
     )
     links_p_value: Dimensionless[float | None] = Field(
         description="p-value of the F test of links added to the joints; null if it was not made."
@@ -457,12 +457,12 @@ class ModelChoice(Message):
         default_factory=dict, description="For each model, the loss with the least held-out residual."
     )
     best: ElasticModel | None = Field(
-        default=None, description="Model of least mean residual, each with its best loss."
+        default=None, description="Model with the least mean residual, each model with its best loss."
     )
     simplest: ElasticModel | None = Field(
         default=None,
         description="Simplest model within one standard error of the best, paired by posture (joints alone: "
-        "within two): the recommended one.",
+        "within two): the recommended model.",
     )
 
 
@@ -474,8 +474,8 @@ class CauseTest(Message):
         description="Label of the first observation that the cause concerns; null for all observations."
     )
     p_value: Dimensionless[float] = Field(
-        description="p-value of its F test, added to the joints: the larger of those with the weights stated "
-        "and with equal weights."
+        description="p-value of the F test of the cause added to the joints: the larger of those with "
+        "stated and with equal weights."
     )
 
 
@@ -500,7 +500,9 @@ class RunResult(Result):
     )
     goodness: Goodness
     identifiability: Identifiability
-    certificate: Certificate = Field(description="Largest violations over the stages.")
+    certificate: Certificate = Field(
+        description="Largest violations of the optimality conditions over the stages."
+    )
     characteristic_length: Metres[float | None] = Field(
         description="Length that was used, if the weighting needs one."
     )
@@ -519,9 +521,9 @@ class RunResult(Result):
     )
     links: LinksResult | None = Field(
         default=None,
-        description="Elastic links or coupling, if requested. The joints' numbers are then effective: of "
-        "the joint and its link's rotation about its axis. Their intervals hold all values that "
-        "fit the readings with 0.3 times the best penalty; null if `link_penalty` is given.",
+        description="Elastic links or coupling, if requested. The joints' numbers are then effective: those "
+        "of a joint together with the rotation of its link about the joint's axis. Their intervals contain "
+        "all values that fit the readings with 0.3 times the best penalty; null if `link_penalty` is given.",
     )
     choice: ModelChoice | None = Field(
         default=None,
@@ -529,8 +531,8 @@ class RunResult(Result):
     )
     causes: list[CauseTest] = Field(
         default_factory=list,
-        description="Causes that were tested with the joints, the most significant first; empty where none "
-        "could be.",
+        description="Causes that were tested with the joints, the most significant first; empty if none "
+        "could be tested.",
     )
     residuals: list[Residual]
     contributions: list[Contribution] = Field(

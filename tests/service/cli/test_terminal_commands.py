@@ -169,8 +169,8 @@ HELP = {
         "FILE <file> Campaign file: robot, measurement set and run options in one JSON document. [required]",
         "--positive / --no-positive Constrain every compliance to be zero or positive.",
         "default 2.8, below which 95 % of good readings lie. Dimensionless.",
-        "--cause NAME[:FIRST] Causes to fit with the joints, such as a reason of the verdict recommends: the "
-        "readings stay as they are, and the intervals include the uncertainty of the causes. Repeatable.",
+        "--cause NAME[:FIRST] Causes to fit with the joints, as a reason recommends: the readings stay "
+        "as they are, and the intervals include the uncertainty of the causes. Repeatable.",
         "--prior JOINT=STIFFNESS:UNCERTAINTY",
         "--resample SIZE[:REPETITIONS[:SEED]]",
         "--leave-out NAME,NAME,... Labels of observations to omit; the remaining observations are checked "
@@ -201,8 +201,8 @@ HELP = {
     ],
     "map": [
         "Map deflection and compliance over a work area.",
-        "--absolute / --no-absolute True for deflections relative to an arm that does not bend: with the "
-        "sag by its own weight and any load. Needs a run with `weight`.",
+        "--absolute / --no-absolute True for deflections relative to an arm that does not bend: they "
+        "include the sag by own weight. Needs a run with `weight`.",
         "--despite-verdict `do_not_use` accepts a run with this verdict, which is refused otherwise.",
         "--load-point X,Y,Z[mm] Point where the force acts, flange frame; default: the tool's position.",
         "--turns <int> Number of angles about the tool's axis, evenly over a full turn.",
