@@ -118,7 +118,7 @@ class _SetInProcess:
             resolved = resolve_stated_frame(post)
         with as_campaign_error(""):
             self._campaign = LiveCampaign(Declaration(robot.robot, post, resolved))
-            # The candidate readings are computed now, so that an impossible declaration raises its error here.
+            # Computed now, so that an impossible declaration raises its error here.
             _ = self._campaign.declaration.candidate_readings
 
     def state(self) -> LiveState:

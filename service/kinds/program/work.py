@@ -370,7 +370,10 @@ def _compute_residuals(
         Residuals (b, 6) [m, rad], and a mask (b,) of the targets that the robot reaches.
     """
     robot, program, frames = model.robot, path.program, path.frames
-    is_joint_target, angle_unit = program.targets.given_as_joints[block], program.targets.angle_unit[block, None]
+    is_joint_target, angle_unit = (
+        program.targets.given_as_joints[block],
+        program.targets.angle_unit[block, None],
+    )
     pose_rows = np.flatnonzero(~is_joint_target)
     # Angles of the written numbers: read directly from joint targets, solved for pose targets.
     written_angles = robot.joint_map.model_angles(inverse.insert_held_joints(written[:, :6] * angle_unit))
