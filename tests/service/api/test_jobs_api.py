@@ -18,7 +18,7 @@ from support.kinds import posted_job
 
 from jointstiff.schemas.job import Progress, Provenance
 from jointstiff.schemas.run import Run, RunRequest
-from jointstiff.service.api.jobs import Followers, answer
+from jointstiff.service.api.jobs import Followers, answer_new_job
 from jointstiff.service.app import create_app
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems import (
@@ -294,7 +294,7 @@ def test_what_was_stored_is_accepted_whatever_happens_to_it_then(error):
             return super().current(job_id)
 
     jobs = Lost([1])
-    told = asyncio.run(answer(jobs, jobs.create(REQUEST, None), 0.1, hurried()))
+    told = asyncio.run(answer_new_job(jobs, jobs.create(REQUEST, None), 0.1, hurried()))
     assert (told.status_code, told.headers["location"]) == (202, "/v1/jobs/r1")
     assert json.loads(told.body)["state"] == "queued"
 

@@ -142,7 +142,7 @@ def test_an_unchanged_target_keeps_its_numbers_in_each_notation(orientation):
     near = np.array([[1.0, -2, 3, *each] for each in NEAR[orientation]])
     poses = Notation(orientation).to_poses(near)
     np.testing.assert_allclose(poses[:, :3, 3] * 1e3, near[:, :3])
-    np.testing.assert_allclose(Notation(orientation).values(poses, near), near, atol=1e-9)
+    np.testing.assert_allclose(Notation(orientation).from_poses(poses, near), near, atol=1e-9)
 
 
 WRITTEN = """1.000 1.0006 1.001, 1.000 0.9994 0.999, 1.000 -1 -1.000, 5.000 -0.0004 0.000, 5.000 0.0004 0.000,

@@ -105,7 +105,7 @@ class TestPromise:
         first = plan_campaign(robot, request_of(equipment(), readings=6))
         so_far = read(first, np.zeros((2, 6, 3, 3)))
         second = plan_campaign(robot, request_of(equipment(), readings=6, so_far=so_far))
-        np.testing.assert_allclose(second.before, first.uncertainty, rtol=0.01)
+        np.testing.assert_allclose(second.uncertainty_before, first.uncertainty, rtol=0.01)
         assert (second.uncertainty < first.uncertainty).all()
         alone = plan_campaign(robot, request_of(equipment(), readings=6, seed=1))
         assert np.square(second.uncertainty).sum() < np.square(alone.uncertainty).sum()
