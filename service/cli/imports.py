@@ -180,8 +180,8 @@ def build_import_command() -> Callable[..., None]:
         """Import files of readings as a campaign.
 
         Nothing is written without --output or --save-template, nor while information is missing. At a
-        terminal the command asks for the missing information. If the inspection of the readings finds errors,
-        they are written only with --despite-errors, and the exit status is 1 without it.
+        terminal the command asks for the missing information. If the inspection finds errors, the readings
+        are written only with --despite-errors, and the exit status is 1 without it.
         """
         if values["output"] is not None:
             cli.check_ending(values["output"], [".json"])

@@ -237,9 +237,8 @@ class Collection(Generic[Record, Entry]):
             CursorError: no page gave this cursor.
         """
         if limit < 1 or not all(map(self._can_filter_by, [*filters, *spans])):
-            raise ValueError(
-                f"cannot list {limit} {self.resource.collection} filtered by {', '.join(filters)}"
-            )
+            names = ", ".join([*filters, *spans]) or "nothing"
+            raise ValueError(f"cannot list {limit} {self.resource.collection} filtered by {names}")
         if not all(map(is_indexable, [*filters.values(), q or ""])):
             return RecordPage((), None, 0)
         columns = self._table.c

@@ -70,7 +70,7 @@ def test_lengths_and_angles_at_the_terminal_become_those_of_the_file(folder):
             "not be "
             "compensated twice "
             "remedy: switch the controller's accuracy option off, repeat the measurement, and set "
-            "`accuracy_option` to `off`",
+            "`--accuracy-option` to `off`",
         ),
     ],
 )

@@ -211,9 +211,8 @@ HELP = {
     ],
     "import": [
         "Nothing is written without --output or --save-template, nor while information is missing. At a "
-        "terminal the command asks for the missing information. If the inspection of the "
-        "readings finds errors, they are written only with --despite-errors, and the exit status is 1 "
-        "without it.",
+        "terminal the command asks for the missing information. If the inspection finds errors, the "
+        "readings are written only with --despite-errors, and the exit status is 1 without it.",
         "--units length=mm,angle=deg,force=N Units of columns whose header has none; add moment=N.m if "
         "there are moments.",
         "--delimiter <comma|semicolon|tab|whitespace> Delimiter between cells; detected if absent.",

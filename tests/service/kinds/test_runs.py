@@ -343,7 +343,7 @@ def test_a_tied_model_without_a_certified_optimum_fails_no_run(monkeypatch, docu
     screening = SimpleNamespace(links_p_value=1e-9)
     choice = describe_choice_by_comparison(Winner(TIE, TIE.models[1], elastic, given=False), screening)
     assert ("contain both models' values" in choice.message) == (intervals is not None)
-    assert ("are of joints and base alone" in choice.message) == (intervals is None)
+    assert ("are computed with joints and base alone" in choice.message) == (intervals is None)
 
 
 def replace_in(part, **changes):
