@@ -26,7 +26,7 @@ class KeyRequest(Message):
     role: Role = Field(description=_ROLE)
     expires_at: AwareDatetime | None = Field(
         default=None,
-        description="Time at which the key ends, with a time zone; null: it is valid until it is revoked.",
+        description="Time at which the key ends, with a time zone; null: valid until it is revoked.",
     )
 
     @field_validator("expires_at")
@@ -104,7 +104,7 @@ class AuditQuery(PageQuery):
 
     key_id: KeyId | None = Field(default=None, description="Filter by key.")
     format: Literal["json", "csv"] = Field(
-        default="json", description="`csv`: the whole audit as a table for spreadsheets, without pages."
+        default="json", description="`csv`: the whole audit, without pages."
     )
 
 

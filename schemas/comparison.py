@@ -58,7 +58,7 @@ class ComparisonOptions(Message):
     )
     confidence: Confidence | None = Field(
         default=None,
-        description="Confidence level of ratios; default: the confidence level of the first run.",
+        description="Confidence level of ratios; default: that of the first run.",
     )
 
 
@@ -189,8 +189,8 @@ class JointRatio(Message):
     )
     p_value: Dimensionless[float | None] = Field(
         default=None,
-        description="p-value of the hypothesis that the compliance has not changed (two-sided). A small "
-        "value means that it has changed.",
+        description="Two-sided p-value of the hypothesis that the compliance has not changed: small "
+        "if it has.",
     )
     reason: str | None = Field(default=None, description="Reason why there is no ratio.")
 

@@ -137,7 +137,7 @@ class Page(Message, Generic[Item]):
     """One page of a listing."""
 
     items: list[Item] = Field(description="The resources on this page.")
-    next: str | None = Field(description="Value of `cursor` for the following page; null on the last page.")
+    next: str | None = Field(description="`cursor` of the following page; null on the last page.")
     total: int | None = Field(
         default=None, description="Number of resources on all pages; null after the first page."
     )

@@ -67,7 +67,7 @@ class NamedCause(Message):
     )
     first: Name | None = Field(
         default=None,
-        description="Label of the first observation that the cause concerns; null for all observations.",
+        description="Label of the first observation that the cause concerns; null for all.",
     )
 
     @property
@@ -285,7 +285,7 @@ class AcceptingOptions(Message):
         Literal["do_not_use"] | None, Terminal("--despite-verdict", flag="do_not_use")
     ] = Field(
         default=None,
-        description="`do_not_use` accepts a run with this verdict, which is refused otherwise.",
+        description="`do_not_use` accepts a run with this verdict, else refused.",
     )
 
 

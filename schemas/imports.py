@@ -149,14 +149,14 @@ class FilePreview(Message):
     )
     first_lines: list[int] = Field(
         default_factory=list,
-        description="Number of the line or row in the file, for each of `first_rows`.",
+        description="Line or row number in the file, for each of `first_rows`.",
     )
     fault_rows: list[list[str]] = Field(
         default_factory=list, description="Rows with faults beyond the first ones, as they are in the file."
     )
     fault_lines: list[int] = Field(
         default_factory=list,
-        description="Number of the line or row in the file, for each of `fault_rows`.",
+        description="Line or row number in the file, for each of `fault_rows`.",
     )
 
 

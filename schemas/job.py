@@ -52,7 +52,7 @@ class FromRun(Result):
     """Result that is made from a run."""
 
     assessment: Assessment = Field(
-        description="Assessment of this result, with the reasons of its own and those of its run."
+        description="Assessment of this result, with its own reasons and those of its run."
     )
 
 
@@ -64,9 +64,7 @@ class Job(Message):
     id: Identifier
     kind: str
     state: JobState = Field(description="While `queued` or `running`, poll its address or follow its events.")
-    progress: Progress | None = Field(
-        default=None, description="Progress; null for a job that is computed at once."
-    )
+    progress: Progress | None = Field(default=None, description="Progress; null if computed at once.")
     request: Message
     result: Message | None = Field(description="Result; present if the job has succeeded.")
     error: Problem | None = Field(description="Present if the job has failed.")
@@ -97,13 +95,11 @@ class JobSummary(ResultSummary):
     )
     robot_id: Identifier | None = Field(
         default=None,
-        description="Id of the robot; for a comparison, the robot of the first side; for a geometry, the "
-        "nominal robot.",
+        description="Robot; for a comparison, that of the first side; for a geometry, the nominal robot.",
     )
     measurement_set_id: Identifier | None = Field(
         default=None,
-        description="Id of the measurement set of a run or a plan; for a comparison, the set of the first "
-        "side.",
+        description="Measurement set of a run or plan; for a comparison, that of the first side.",
     )
     second_set_id: Identifier | None = Field(
         default=None, description="Measurement set of the second side of a comparison."

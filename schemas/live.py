@@ -62,8 +62,8 @@ class LiveReading(Message):
     message: str | None = Field(description="Comparison with the other readings in words.")
     ball_ratio: Dimensionless[float | None] = Field(
         default=None,
-        description="Distance from the prediction over the radius of its 90 % ball: at most 1 for a reading "
-        "in the ball; null for a reading that was not held out.",
+        description="Distance from the prediction over the radius of its 90 % ball: at most 1 in the "
+        "ball; null if the reading was not held out.",
     )
 
 
@@ -86,8 +86,8 @@ class LiveJoint(Message):
     reason: str | None = Field(default=None, description="Reason for which the joint will have no number.")
     prior: Literal["waits", "counts", "deviates"] | None = Field(
         default=None,
-        description="State of the joint's prior: it `waits` until the readings determine the joint as well "
-        "as the prior, `counts`, or is ignored because it `deviates` from the readings. Null: no prior.",
+        description="Prior of the joint: it `waits` until readings determine the joint as well, "
+        "`counts`, or is ignored because it `deviates` from them. Null: no prior.",
     )
 
 
@@ -97,14 +97,14 @@ class LiveState(Message):
     revision: int = Field(description="Number of entries in the record; every change adds one.")
     state: Literal["measuring", "reached", "cannot", "closed"] = Field(
         description="`reached`: the goal is met, and a held-out reading agrees with its prediction; "
-        "`cannot`: the goal will not be met, as `message` explains; `closed`: the set is an ordinary "
-        "measurement set."
+        "`cannot`: the goal will not be met, as `message` explains; `closed`: an "
+        "ordinary measurement set."
     )
     message: str = Field(description="State in words.")
     goal: str = Field(description="Declared goal in words.")
     share: Dimensionless[float | None] = Field(
-        description="Uncertainty divided by that of the goal, which is met at 1 and below; null while the "
-        "uncertainty is unknown."
+        description="Uncertainty divided by that of the goal, which is met at 1 and below; null "
+        "while unknown."
     )
     still_needed: int | None = Field(
         description="Number of readings still needed, including the held-out reading; null if unknown."

@@ -362,8 +362,8 @@ class SetChange(ResourceChange, SetMetadata):
     )
     skipped: Name | None = Field(
         default=None,
-        description="Label of the next reading, to skip its posture because the robot cannot take it; "
-        "another posture is chosen.",
+        description="Label of the next reading, to skip a posture that the robot cannot take; "
+        "another is chosen.",
     )
 
     @property
@@ -434,9 +434,10 @@ class Reading(Message):
     )
     sigma: Sigma | None = Field(
         default=None,
-        description="Standard uncertainty of one coordinate of either position of this reading, or of the "
-        "gauge before and under load, in units.length. Either all tracker readings state their own noise, "
-        "or none does and `noise` states it; a reading along a direction may state its own in any case.",
+        description="Standard uncertainty of one coordinate of either position of this reading, or "
+        "of the gauge before and under load, in units.length. Either all tracker "
+        "readings state their noise, or none does and `noise` states it; a reading along "
+        "a direction always may.",
     )
     unloaded_covariance: Matrix3 | None = Field(
         default=None,
@@ -536,8 +537,7 @@ class MeasurementSetHeader(SetMetadata):
     )
     frame: Frame | None = Field(
         default=None,
-        description="Frame of positions, deflections, covariances and the tracker's station, if it is a "
-        "tracker's; default: R0.",
+        description="Frame of positions, deflections, covariances and a tracker's station; default: R0.",
     )
     flange_targets: Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)] = Field(
         default_factory=dict,
@@ -549,8 +549,8 @@ class MeasurementSetHeader(SetMetadata):
     )
     joint_kinds: Annotated[list[JointKind], Field(max_length=MAX_JOINTS)] | None = Field(
         default=None,
-        description="Kinds of the joints by the source of the readings, such as the headers of a table. If "
-        "stated, they must equal those of the robot.",
+        description="Kinds of the joints by the source of the readings, such as a table's headers; "
+        "they must equal the robot's kinds.",
     )
 
 

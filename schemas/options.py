@@ -232,11 +232,11 @@ class RunOptions(MethodOptions):
         Literal["squared", "huber", "absolute", "automatic"], BeforeValidator(_replace_missing_loss)
     ] = Field(
         default="automatic",
-        description="Loss function of the norm of each target's whitened residual. `huber`: linear beyond a "
-        "threshold, against bumped targets. `absolute`: the norm itself; needs a named "
-        "elasticity other than `joints`. `automatic`: `squared` for joints alone and with "
-        "`link_penalty`, else by cross-validation. With elastic links or coupling `huber` and "
-        "`absolute` take at most 500 targets read in all.",
+        description="Loss function of the norm of each target's whitened residual. `huber`: linear "
+        "beyond a threshold, against bumped targets. `absolute`: the norm itself; needs "
+        "a named elasticity other than `joints`. `automatic`: `squared` for joints alone "
+        "and with `link_penalty`, else by cross-validation. With links or coupling, "
+        "`huber` and `absolute` take at most 500 targets read in all.",
     )
     huber_threshold: Annotated[float, Field(strict=True, ge=0.1, le=100.0)] | None = Field(
         default=None,
@@ -277,13 +277,15 @@ class RunOptions(MethodOptions):
     elasticity: Elasticity = Field(
         default="automatic",
         validate_default=True,
-        description="Elastic elements. `coupled_joints`: a full joint compliance. `diagonal_links`: joints, "
-        "and six compliances per link. `joints_and_links`: joints, and a 6 x 6 compliance per link. "
-        "`joints_and_base`: joints, and a 6 x 6 compliance of the base below joint 1. `links_and_base`: "
-        "joints, links and base. `automatic`: joints only, unless a test shows that something else bends; "
-        "then the simplest model within one standard error of the best on held-out postures. Every model "
-        "but `joints` needs method `partial_pose` and weighting `covariance`, and no bounds, priors, order, "
-        "encoder readings or resampling; with one of these, `automatic` uses joints alone.",
+        description="Elastic elements. `coupled_joints`: a full joint compliance. `diagonal_links`: "
+        "joints, and six compliances per link. `joints_and_links`: joints, and a 6 x 6 "
+        "compliance per link. `joints_and_base`: joints, and a 6 x 6 compliance of the "
+        "base. `links_and_base`: joints, links and base. `automatic`: joints only, "
+        "unless a test shows that something else bends; then the simplest model within "
+        "one standard error of the best on held-out postures. All but `joints` need "
+        "method `partial_pose` and weighting `covariance`, and no bounds, priors, order, "
+        "encoder readings or resampling; with one of these, `automatic` uses joints "
+        "alone.",
     )
     links: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list,
@@ -292,8 +294,8 @@ class RunOptions(MethodOptions):
     )
     link_penalty: Annotated[float, Field(strict=True, ge=1e-9, le=1e3)] | None = Field(
         default=None,
-        description="Penalty on links and coupling; default: chosen by cross-validation together with the "
-        "loss, and the run may then take long. Dimensionless.",
+        description="Penalty on links and coupling; default: chosen with the loss by "
+        "cross-validation, which may take long. Dimensionless.",
     )
     cross_validation: CrossValidation = Field(
         default=CrossValidation(), description="Cross-validation, for all elasticities but `joints`."

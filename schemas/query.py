@@ -45,8 +45,7 @@ class ListQuery(PageQuery):
     )
     deleted: bool = Field(
         default=False,
-        description="True: only deleted resources, which can be restored; false: only resources that are "
-        "not deleted.",
+        description="True: only deleted resources, which can be restored; false: only the others.",
     )
 
     def listing_arguments(self) -> dict[str, Any]:

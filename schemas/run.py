@@ -205,8 +205,8 @@ class Advice(Message):
         description="Label of the observation with this posture, if there is one."
     )
     force: Newtons[Point] = Field(
-        description="Force on the robot, axes of R0, as large as the set's largest. It acts at the load "
-        "point of that observation, or for a new posture at the load point of the largest force."
+        description="Force on the robot, axes of R0, as large as the set's largest, at the load "
+        "point of that observation, or for a new posture at that of the largest force."
     )
     uncertainty_ratio: float | None = Field(
         description="Standard uncertainty of the compliance after one such reading of all targets divided "
@@ -334,8 +334,8 @@ class RunRequest(RunOptions):
     measurement_set_id: Identifier
     variant_of: Identifier | None = Field(
         default=None,
-        description="Earlier run that this run is to improve with other options or corrected readings; "
-        "listings can group both. The field changes no number.",
+        description="Earlier run that this run is to improve by other options or corrected readings, "
+        "so that listings can group both; it changes no number.",
     )
 
 
@@ -413,8 +413,8 @@ class Contribution(Message):
 
     joint: Name
     share: Dimensionless[float] = Field(
-        description="Contribution to the mean length of the predicted deflections; the contributions of all "
-        "joints sum to 1. Zero for a joint without a number."
+        description="Contribution to the mean length of the predicted deflections; all contributions "
+        "sum to 1. Zero for a joint without a number."
     )
     mean: Metres[float] = Field(
         description="Contribution of the joint, mean over all readings of the targets."
@@ -471,7 +471,7 @@ class CauseTest(Message):
 
     name: Name = Field(description="Name of the cause, as in the `causes` of a run.")
     first: Name | None = Field(
-        description="Label of the first observation that the cause concerns; null for all observations."
+        description="Label of the first observation that the cause concerns; null for all."
     )
     p_value: Dimensionless[float] = Field(
         description="p-value of the F test of the cause added to the joints: the larger of those with "
@@ -521,9 +521,10 @@ class RunResult(Result):
     )
     links: LinksResult | None = Field(
         default=None,
-        description="Elastic links or coupling, if requested. The joints' numbers are then effective: those "
-        "of a joint together with the rotation of its link about the joint's axis. Their intervals contain "
-        "all values that fit the readings with 0.3 times the best penalty; null if `link_penalty` is given.",
+        description="Elastic links or coupling, if requested. The joints' numbers are then "
+        "effective: of the joint with its link's rotation about the joint's axis. Their "
+        "intervals contain all values that fit the readings with 0.3 times the best "
+        "penalty; null if `link_penalty` is given.",
     )
     choice: ModelChoice | None = Field(
         default=None,

@@ -74,9 +74,9 @@ class TrendJoint(Message):
     kind: StatedKind = "revolute"
     points: list[TrendPoint] = Field(description="Points of the joint, one for each of `campaigns`.")
     change: Estimate | None = Field(
-        description="Relative change of stiffness from the first to the latest point without a `reason`: "
-        "-0.1 is 10 % softer; its uncertainty is from errors that the two campaigns do not share. Null with "
-        "fewer than two points."
+        description="Relative change of stiffness from the first to the latest point without a "
+        "`reason`: -0.1 is 10 % softer; uncertain by the errors that the two campaigns "
+        "do not share. Null with fewer than two points."
     )
     p_value: Dimensionless[float | None] = Field(
         description="Probability of a change at least as large if the stiffness is the same (two-sided)."
@@ -103,7 +103,7 @@ class Trend(Message):
     campaigns: list[TrendCampaign] = Field(description="Oldest first.")
     joints: list[TrendJoint]
     level: Dimensionless[float] = Field(
-        description="Greatest probability that a joint is reported as changed although none has changed."
+        description="Greatest probability that a joint is reported as changed although none has."
     )
     left_out: list[LeftOut] = Field(description="Campaigns that are not compared, with the reason.")
     note: str | None = Field(description="Remarks on what the test cannot say, or what to check first.")

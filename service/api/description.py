@@ -24,9 +24,9 @@ _PROBLEMS: Final[dict[int | str, str]] = {
     415: "The body has the wrong Content-Type.",
     422: "The request is invalid: `where` names the field, `remedy` says what to do.",
     507: "The database has reached its quota.",
-    "default": "401 without a valid key; 403 where its role does not allow this, or a page of another "
-    "site requested a change; 429 where the queue is full, or too many wrong keys were sent; 503 while the "
-    "database is not available; or another error.",
+    "default": "401 without a valid key; 403 if its role does not allow this, or a page of another site "
+    "requested a change; 429 if the queue is full, or too many wrong keys were sent; 503 while the database "
+    "is unavailable; or another error.",
 }
 _STATUSES_OF_ALL_ROUTES: Final[frozenset[int | str]] = frozenset({422, "default"})
 # 404: a body may contain the id of a resource that does not exist.

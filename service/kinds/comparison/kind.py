@@ -542,7 +542,7 @@ COMPARISON: Final = Kind[Comparison, ComparisonRequest](
     files=tuple(
         File(
             name=f"{name}.csv",
-            description=f"{words}, as a table for spreadsheets; units in the headers",
+            description=f"{words}; units in the headers",
             sheet=sheet,
             made_of="result",
         )
@@ -558,10 +558,9 @@ COMPARISON: Final = Kind[Comparison, ComparisonRequest](
     ),
     description="""Compare stored runs of one measurement set, or of two; nothing is identified again.
 
-Runs of one set are shown side by side: methods, constraints, other options. Two sets can be those of motor
-and secondary encoders, of before and after a repair, or of units A and B. For two sets, the answer also has
-the ratio of each joint's stiffnesses with Fieller's interval, and whether the stiffness has changed; and the
-share of the deflection that the second side avoids, measured where both sides have the observation, and
-predicted. With `ordered`, both sides are also identified in one problem in which no joint is softer on the
-second side.""",
+Runs of one set are shown side by side: methods, constraints, other options. Of two sets (motor
+and secondary encoders, before and after, units A and B) the answer also has the ratio of each joint's
+stiffnesses with Fieller's interval, and whether the stiffness has changed; and the share of the deflection
+that the second side avoids, measured where both sides have the observation, and predicted. With `ordered`,
+both sides are also identified in one problem in which no joint is softer on the second side.""",
 )

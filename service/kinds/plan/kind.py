@@ -346,8 +346,7 @@ PLAN: Final = Kind[Plan, PlanRequest](
     files=(
         File(
             name="readings.csv",
-            description="the readings of a plan in their order as a table for spreadsheets, units in the "
-            "headers.",
+            description="the readings of a plan in their order, units in the headers.",
             sheet=readings_sheet,
             made_of="result",
         ),

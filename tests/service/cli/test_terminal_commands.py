@@ -203,7 +203,7 @@ HELP = {
         "Map deflection and compliance over a work area.",
         "--absolute / --no-absolute True for deflections relative to an arm that does not bend: they "
         "include the sag by own weight. Needs a run with `weight`.",
-        "--despite-verdict `do_not_use` accepts a run with this verdict, which is refused otherwise.",
+        "--despite-verdict `do_not_use` accepts a run with this verdict, else refused.",
         "--load-point X,Y,Z[mm] Point where the force acts, flange frame; default: the tool's position.",
         "--turns <int> Number of angles about the tool's axis, evenly over a full turn.",
         "--moment X,Y,Z[N.m] Moment of the process on the robot, about the load point.",
