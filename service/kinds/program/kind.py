@@ -181,7 +181,7 @@ PROGRAM: Final = Kind[Program, ProgramRequest](
 
 Send the program as fields `files` of a form (a .src with its .dat, if it has one), and run, tool,
 base, loads and the controller's accuracy option as JSON in a field `options`. Only numbers change. The file
-`program` has the corrected program, `points.csv` each point's deflection, correction, interval and predicted
-residual. A program that is not understood as a whole is refused by line, and nothing is stored. Programs of
-more than 10,000 targets are jobs with progress.""",
+`program` has the compensated program, `points.csv` each point's deflection, correction, interval and
+predicted residual. A program that is not understood as a whole is refused by line, and nothing is stored.
+Programs of more than 10,000 targets are jobs with progress.""",
 )

@@ -186,7 +186,7 @@ HELP = {
         "change, or of a twin robot.",
         "--ordered / --no-ordered Also identify two sets in one problem in which no joint is softer in the "
         "second one, as with secondary encoders switched on.",
-        "--confidence NUMBER Confidence level of ratios; default: the confidence level of the first run.",
+        "--confidence NUMBER Confidence level of ratios; default: that of the first run.",
         "--csv Print CSV for spreadsheets.",
     ],
     "predict": [
