@@ -25,7 +25,7 @@ from jointstiff.solver.estimation.causes import fit_causes
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Loss, Settings
 from jointstiff.solver.estimation.resampling import Draws
-from jointstiff.solver.links.competition import Competition, Winner, find_excluding_option
+from jointstiff.solver.links.competition import Competition, Winner, find_obstacle_to_elastic_links
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.own_weight.run import run_by_weight
@@ -39,23 +39,23 @@ from jointstiff.solver.result import (
 )
 
 Arrays: TypeAlias = Mapping[str, npt.NDArray[Any]]
-"""Arrays that one step of a long run computes, by name."""
+"""Arrays that one step of a long run computes, by the arrays' names."""
 
 
 def run(
     robot: Robot, measurements: Measurements, options: RunOptions, noticed: Sequence[Finding] = ()
 ) -> RunResult:
-    """Identify the joint stiffnesses of a robot from a campaign, with intervals and a verdict.
+    """Identify the joint stiffnesses of a robot from a campaign; return them with intervals and a verdict.
 
     Args:
-        robot: n joints.
-        measurements: N observations.
-        options: how to identify.
+        robot: robot with n joints.
+        measurements: readings of N observations.
+        options: options of the identification, such as method, loss and elasticity.
         noticed: findings of the integrity checks of these measurements (`jointstiff.solver.integrity`).
 
     Raises:
-        RequestError: the readings or the robot cannot support what is requested.
-        JointstiffError: there is no result, and why.
+        RequestError: the readings or the robot cannot support the options.
+        JointstiffError: the identification fails; the error says why.
     """
     identification = Identification(robot, measurements, options, noticed)
     long = identification.long
@@ -63,11 +63,11 @@ def run(
 
 
 class Identification:
-    """A run of an identification, checked when created, then computed in steps and concluded.
+    """Run of an identification, checked when created, then computed in steps and concluded.
 
     Attributes:
-        long: the time-consuming part, whose steps may be computed by any process: resampling, or a
-            competition of models; None for a quick run.
+        long: time-consuming part of the run, whose steps may be computed by any process: resampling, or a
+            competition of models; None for a run without such a part.
     """
 
     def __init__(
@@ -76,19 +76,19 @@ class Identification:
         """Check the request; if the model is to be chosen automatically, also identify the joints.
 
         Args:
-            robot: n joints.
-            measurements: N observations.
-            options: how to identify.
+            robot: robot with n joints.
+            measurements: readings of N observations.
+            options: options of the identification, such as method, loss and elasticity.
             noticed: findings of the integrity checks of these measurements.
 
         Raises:
-            RequestError: the readings or the robot cannot support what is requested.
+            RequestError: the readings or the robot cannot support the options.
         """
         self._robot, self._measurements, self._options = robot, measurements, options
         self._noticed = tuple(noticed)
         self.long: Draws | Competition | None = None
-        if options.weight is None:
-            causes = [cause.pair for cause in options.causes]
+        if options.weight is None:  # a run by the robot's own weight has no long part
+            causes = [cause.name_and_first_label for cause in options.causes]
             self._measurements = fit_causes(robot, measurements.require_loads(), causes)
             self._settings = Settings.from_options(options, robot)
             self.long = self._competition
@@ -102,10 +102,10 @@ class Identification:
 
     @cached_property
     def _excluded(self) -> str | None:
-        """Name of the option that rules out elastic links in an automatic choice; None if there is none."""
+        """Name of the option that rules out elastic links in an automatic choice; None if no option does."""
         if self._options.elasticity != "automatic":
             return None
-        return find_excluding_option(self._options, self._settings, self._robot, self._measurements)
+        return find_obstacle_to_elastic_links(self._options, self._settings, self._robot, self._measurements)
 
     @cached_property
     def _competition(self) -> Competition | None:
@@ -136,20 +136,21 @@ class Identification:
 
         Args:
             parts: arrays that the steps of the long part computed, in the order of the steps; empty for a
-                quick run.
+                run without a long part.
 
         Raises:
-            JointstiffError: there is no result, and why.
+            JointstiffError: the identification fails; the error says why.
         """
         if self._options.weight is not None:
             return run_by_weight(self._robot, self._measurements, self._options, self._noticed)
         if isinstance(self.long, Competition):
-            outcome = self._report_winner(self.long, self.long.winner(parts))
+            outcome = self._report_winner(self.long, self.long.choose_winner(parts))
         else:
             screening = replace(self._joints.screening, comparable=self._excluded is None)
             choice = describe_choice_of_joints(self._options, screening, self._excluded)
             outcome = report_joints_alone(self._joints, screening, choice)
-        # The gain of another reading is known only if the readings hold no mistake and only joints bend.
+        # Further readings are advised only if the readings contain no mistake and only joints bend: else the
+        # gain of another reading is unknown.
         usable = outcome.assessment.verdict != "do_not_use" and outcome.links is None
         advice = advise_next_readings(self._robot, self._measurements, outcome.estimate) if usable else ()
         resampling = self.long.statistics(parts) if isinstance(self.long, Draws) else None
