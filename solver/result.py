@@ -118,7 +118,8 @@ def report_elastic_model(
         elastic: fit of this model to all readings.
         screening: tests of the residuals of joints alone.
     """
-    robot, measurements, fitted = joints.robot, joints.measurements, elastic.estimate
+    # The scatter that residuals of joints alone show also holds what links bend.
+    robot, measurements, fitted = joints.robot, joints.given, elastic.estimate
     estimate = replace_by_effective(joints.estimate, fitted, elastic.effective)
     assessment = assess(joints, estimate, fitted.prediction, screening)
     # Outliers of joints alone are kept only if links leave these readings unexplained, too.

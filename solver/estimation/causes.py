@@ -36,6 +36,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.observability import Excitation
+from jointstiff.solver.estimation.repeatability import RestrictedLikelihood
 from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.estimation.triangle import (
     INDEPENDENT,
@@ -189,11 +190,19 @@ class Screening:
         return self.base_p_value < MISTAKE_LEVEL and not self.makes_links_unnecessary
 
 
-def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate) -> Screening:
+def screen_estimate(
+    robot: Robot, measurements: Measurements, estimate: Estimate, scattered: bool = False
+) -> Screening:
     """Test for causes, links and a base that explain what joints alone leave unexplained.
 
     Only readings of targets are used, not encoders. If the load has no balance or there are no degrees of
     freedom, no test is significant. Causes that were fitted to these measurements before stay in every fit.
+
+    Args:
+        robot: n joints.
+        measurements: N observations, with the joint scatter that was stated.
+        estimate: estimate by joints alone.
+        scattered: whether the residuals show a scatter of the joints, which tests must account for.
     """
     tested, compliance = (
         measurements.select_evenly(_MOST_TESTED_OBSERVATIONS),
@@ -206,7 +215,9 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
         return Screening(1.0, (), ())
     before, visible = fitted_errors(measurements).terms, ~estimate.observability.null
     suspects = _list_suspects(measurements, block, compliance, before)
-    triangles = _Triangles(block, compliance, visible, before, [suspect.term for suspect in suspects])
+    triangles = _Triangles(
+        block, compliance, visible, before, [suspect.term for suspect in suspects], scattered=scattered
+    )
     links_p_value = triangles.links_p_value()
     *p_values, base_p_value = triangles.p_values([*(s.term.name for s in suspects), DIAGONAL_BASE.name])
     # A cause sought by its onset is tested once for each onset that was tried (Bonferroni).
@@ -228,7 +239,7 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
     listed = tuple(CauseTest(name=each.name, first=each.first, p_value=tests[each]) for each in ordered)
     if base_p_value >= MISTAKE_LEVEL:
         return Screening(links_p_value, listed, preferred, base_p_value=base_p_value)
-    with_base = _Triangles(block, compliance, visible, before, [FULL_BASE])
+    with_base = _Triangles(block, compliance, visible, before, [FULL_BASE], scattered=scattered)
     return Screening(
         links_p_value,
         listed,
@@ -539,6 +550,8 @@ class _Triangles:
         visible: BoolArray,
         before: Sequence[Term],
         terms: Sequence[Term],
+        *,
+        scattered: bool = False,
     ) -> None:
         """Compress a block's rows.
 
@@ -548,10 +561,12 @@ class _Triangles:
             visible: (n,) whether the readings see each joint; other joints are left out.
             before: terms that are fitted with the joints in any case.
             terms: terms to be tested.
+            scattered: whether the residuals show a scatter of the joints, which tests must account for.
         """
         self.fitted = (JOINTS.name, *(term.name for term in before))
         self.compliance = compliance
         self._block, self._visible = block, visible
+        self._scattered = scattered
         self._terms = [JOINTS, *before, *terms, DIAGONAL_LINKS, DIAGONAL_BASE]
         self.stated = self._compress_rows(whitened_rows)
 
@@ -566,32 +581,66 @@ class _Triangles:
         triangle.span[JOINTS.name] = np.flatnonzero(self._visible)
         return triangle
 
-    def _larger_p_values(self, level: float, test: Callable[[Triangle], FloatArray]) -> FloatArray:
-        """Return for each tested term the larger p-value of two tests: with stated and with equal weights.
+    def _largest_p_values(
+        self, level: float, names: Sequence[str], fitted: Sequence[str], test: Callable[..., FloatArray]
+    ) -> FloatArray:
+        """Return for each tested term the largest p-value of up to three tests.
 
-        Where the p-value with stated weights is above `level`, equal weights are not tried.
+        The weights are those stated, then equal weights, then those of joints that scatter from posture to
+        posture. Where the p-value with stated weights is above `level`, no other weights are tried.
+
+        Args:
+            level: significance level.
+            names: tested terms.
+            fitted: terms that are fitted in any case.
+            test: function of a triangle, and of the names of tested terms, that returns their p-values.
         """
-        p = test(self.stated)
+        p = test(self.stated, names)
         # Readings that share one covariance (3, 3) have equal weights already.
-        if (p >= level).all() or self._block.measurements.covariance.ndim == 2:
-            return p
-        return np.where(p >= level, p, np.maximum(p, test(self._equally_weighted)))
+        if (p < level).any() and self._block.measurements.covariance.ndim > 2:
+            p = np.where(p < level, np.maximum(p, test(self._equally_weighted, names)), p)
+        if self._scattered:
+            for k in np.flatnonzero(p < level).tolist():
+                scattered = self._compress_with_scatter([*fitted, names[k]])
+                p[k] = max(p[k], float(test(scattered, [names[k]])[0]))
+        return p
+
+    def _compress_with_scatter(self, names: Sequence[str]) -> Triangle:
+        """Return the triangle of some terms, with the joint scatter that is most likely if all are fitted.
+
+        The scatter that residuals of joints alone show also holds the motion by the tested cause.
+        """
+        terms = [term for term in self._terms if term.name in names]
+        stack = Stack.from_blocks([self._block], terms, self.compliance)
+        seen = np.concatenate([np.flatnonzero(self._visible), *list(stack.span.values())[1:]])
+        ratio, _ = RestrictedLikelihood(self._block, stack, seen).maximise()
+        measurements = replace(self._block.measurements, joint_scatter=ratio)
+        triangle = Stack.from_blocks(
+            [replace(self._block, measurements=measurements)], terms, self.compliance
+        ).triangle()
+        triangle.span[JOINTS.name] = np.flatnonzero(self._visible)
+        return triangle
 
     def p_values(self, names: Sequence[str], *others: str) -> list[float]:
         """Return the p-value of each named term added to the joints and to other terms."""
         fitted = (*self.fitted, *others)
-        return [
-            *self._larger_p_values(MISTAKE_LEVEL, lambda triangle: triangle.p_values(names, fitted)).tolist()
-        ]
+        p = self._largest_p_values(
+            MISTAKE_LEVEL, names, fitted, lambda triangle, tested: triangle.p_values(tested, fitted)
+        )
+        return [*p.tolist()]
 
     def links_p_value(self, *others: str) -> float:
         """Return the p-value of elastic links added to the joints and to other terms."""
-        names, fitted = [DIAGONAL_LINKS.name], (*self.fitted, *others)
-        p_values = self._larger_p_values(
+        fitted = (*self.fitted, *others)
+        p = self._largest_p_values(
             LINKS_LEVEL,
-            lambda triangle: triangle.p_values(names, fitted, most=self._leading_count, least=INDEPENDENT),
+            [DIAGONAL_LINKS.name],
+            fitted,
+            lambda triangle, tested: triangle.p_values(
+                tested, fitted, most=self._leading_count, least=INDEPENDENT
+            ),
         )
-        return float(p_values[0])
+        return float(p[0])
 
     @property
     def _leading_count(self) -> int:

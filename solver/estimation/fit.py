@@ -524,9 +524,8 @@ class RobustFit:
         return max(1.0, a * float(np.mean(w)) / b**2)
 
     def weigh(self, measurements: Measurements) -> Measurements:
-        """Return the same readings with covariances Σ/w, so that least squares gives the Huber estimate."""
-        covariance = measurements.covariance / self.weight[..., None, None]
-        return replace(measurements, covariance=covariance, weight=self.weight)
+        """Return the same readings with weights w, so that least squares gives the Huber estimate."""
+        return replace(measurements, weight=self.weight)
 
 
 @dataclass(frozen=True, eq=False)

@@ -268,12 +268,11 @@ class Method:
         single targets. At least one of them is None; if both are, N is the identity.
         """
         part = block.measurements
-        by_target = None
+        targets: tuple[FloatArray | None, FloatArray | None] = (None, None)
         if not self.by_covariance:
-            weight = np.ones(part.present.shape) if part.weight is None else part.weight
-            by_target = np.sqrt(weight)[..., None, None] * np.linalg.inv(whitener(part.covariance))
+            targets = self._undo_whitening(block)
         if self.name == "partial_pose":
-            return [(None, by_target)]
+            return [targets]
         Q, R, reference = factorise_displacement(block)
         # With a robust loss, a pose gets the least weight of its targets.
         least_weight: FloatArray | float = 1.0
@@ -291,7 +290,19 @@ class Method:
         carried = extrapolation @ np.linalg.solve(R, Q.transpose(0, 2, 1))
         if self.by_covariance:
             carried = np.linalg.qr(carried.transpose(0, 2, 1))[0].transpose(0, 2, 1)
-        return [(least_weight * carried if not self.by_covariance else carried, None), (None, by_target)]
+        return [(least_weight * carried if not self.by_covariance else carried, None), targets]
+
+    @staticmethod
+    def _undo_whitening(block: RegressorBlock) -> tuple[FloatArray | None, FloatArray | None]:
+        """Return the map from whitened rows back to equal weights, as a pair like that of `_stage_maps`."""
+        part = block.measurements
+        weight = np.ones(part.present.shape) if part.weight is None else part.weight
+        if not part.joint_scatter:
+            return None, np.asarray(np.linalg.inv(whitener(part.covariance)), dtype=np.float64)
+        identity = np.eye(3 * weight.shape[1]).reshape(*weight.shape[1:], 3, -1)
+        whiten = block.whiten(np.broadcast_to(identity, (len(weight), *identity.shape)))
+        back = np.linalg.inv(whiten.reshape(len(weight), identity.shape[-1], -1))
+        return np.asarray(np.repeat(np.sqrt(weight), 3, axis=1)[..., None] * back, dtype=np.float64), None
 
 
 class MethodTriangles:
@@ -410,9 +421,9 @@ def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArra
             where="readings",
             remedy="use method partial_pose, or place the three targets so that they form a triangle",
         )
-    W = np.where(present[..., None], whitener(part.covariance), 0.0)
-    G = part.project_on_directions(np.concatenate([np.broadcast_to(np.eye(3), W.shape), -skew(arm)], axis=-1))
-    Q, R = np.linalg.qr((W @ G).reshape(len(arm), -1, 6))
+    turn = -skew(arm)
+    G = part.project_on_directions(np.concatenate([np.broadcast_to(np.eye(3), turn.shape), turn], axis=-1))
+    Q, R = np.linalg.qr(block.whiten(np.where(present[..., None], G, 0.0)).reshape(len(arm), -1, 6))
     return Q, R, reference
 
 

@@ -43,7 +43,7 @@ from jointstiff.solver.estimation.problem import Bounds, IdentificationProblem
 from jointstiff.solver.estimation.solution import solve_step
 from jointstiff.solver.estimation.triangle import Triangle, compute_triangular_factor
 from jointstiff.solver.mechanics.block import RegressorBlock, Term, regressor_blocks, rows_of
-from jointstiff.solver.mechanics.measurements import Measurements, whitened
+from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import (
     BASE,
@@ -180,7 +180,7 @@ def elastic_rows(
     few = [int(measurements.present[part].sum()) <= MOST_TARGETS for part in parts]
     start = 0
     for block, rows in elastic_blocks(robot, measurements, columns):
-        present, in_sigma = block.measurements.present, whitened(block.measurements.covariance, rows)
+        present, in_sigma = block.measurements.present, block.whiten(rows)
         lever = np.square(block.frames[2]).sum(axis=2)
         for k, part in enumerate(parts):
             own = select_rows_of_part(part, start, start + len(present))

@@ -289,6 +289,36 @@ class RegressorBlock:
         moves = np.concatenate([np.broadcast_to(R[:, :, None], turn.shape), turn], axis=-1)
         return moves, wrench[:, :, 0], lever
 
+    @cached_property
+    def scatter(self) -> tuple[FloatArray, FloatArray]:
+        """Decompose the motion of the targets by turns of the joints, in units of the readings' noise.
+
+        Returns:
+            (B, 3 T, r) orthonormal directions in which turns of the joints move the targets of a posture
+            together, and (B, r) singular values: sigmas per radian in each direction, r = min(3 T, n).
+        """
+        present = self.measurements.present[..., None, None]
+        motion = whitened(self.measurements.covariance, np.where(present, self.jacobian, 0.0))
+        U, s, _ = np.linalg.svd(motion.reshape(len(motion), -1, motion.shape[-1]), full_matrices=False)
+        return U, s
+
+    def whiten(self, rows: FloatArray) -> FloatArray:
+        """Whiten rows (B, T, 3, k) of the targets, so that the noise of each row has variance sigma².
+
+        Each reading has its covariance Σ; the scatter ρ of the joints moves all targets of a posture
+        together. Rows whitened by Σ have the covariance ``I + ρ² G Gᵀ``, G = U diag(s) Vᵀ the motion by the
+        joints. Its symmetric root keeps each row close to the reading that it belongs to. Weights by a robust
+        loss apply to rows of independent noise.
+        """
+        part = self.measurements
+        white = whitened(part.covariance, rows)
+        if part.joint_scatter:
+            U, s = self.scatter
+            less = 1.0 - 1.0 / np.sqrt(1.0 + np.square(part.joint_scatter * s))
+            flat = white.reshape(len(rows), -1, rows.shape[-1])
+            white = (flat - U @ (less[..., None] * (U.mT @ flat))).reshape(rows.shape)
+        return white if part.weight is None else np.sqrt(part.weight)[..., None, None] * white
+
 
 def regressor_blocks(
     robot: Robot, measurements: Measurements, compliance: FloatArray | None = None
@@ -524,8 +554,11 @@ def rows_of(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray
 def whitened_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray) -> Rows:
     """Return the least-squares rows of a block, whitened: the noise of each row has variance sigma².
 
-    The deflection of an encoder is a difference of two readings, with variance 2 σ_e² (method.md §2).
+    The deflection of an encoder is a difference of two readings, with variance 2 σ_e² (method.md §2), and
+    shows how well its joint repeats.
     """
     rows, part = rows_of(block, terms, compliance), block.measurements
-    encoders = None if rows.encoders is None else part.encoder_lever / np.sqrt(2.0) * rows.encoders
-    return rows._replace(targets=whitened(part.covariance, rows.targets), encoders=encoders)
+    encoders = rows.encoders
+    if encoders is not None:
+        encoders = encoders / np.hypot(np.sqrt(2.0) / part.encoder_lever, part.joint_scatter)
+    return rows._replace(targets=block.whiten(rows.targets), encoders=encoders)

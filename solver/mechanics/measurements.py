@@ -359,8 +359,12 @@ class Measurements:
     #: readings of secondary encoders; None without encoders. They require `sigma`, which weights them
     #: relative to the targets.
     encoders: EncoderReadings | None = None
-    #: (N, T) weights by a robust loss, 1 for a good reading; None for ones. `covariance` is already divided
-    #: by them; rows that are not weighted by covariance still need them.
+    #: repeatability as stated: standard deviation of each joint's angle from one posture to the next, which
+    #: moves all targets of a posture together [rad]; None if not stated
+    repeatability: float | None = None
+    #: the same standard deviation as fits use it, in units of sigma [rad/m]; 0 for joints that repeat exactly
+    joint_scatter: float = 0.0
+    #: (N, T) weights by a robust loss, 1 for a good reading; None for ones
     weight: FloatArray | None = None
     #: uncertainty of loads and places that all observations share
     common_uncertainty: CommonUncertainty = EXACT
@@ -376,12 +380,7 @@ class Measurements:
             raise MeasurementError("no observation", remedy="give at least one observation")
         object.__setattr__(self, "labels", _names_or_numbers("labels", self.labels, count))
         object.__setattr__(self, "targets", _names_or_numbers("targets", self.targets, targets))
-        if self.sigma is not None and not (np.isfinite(self.sigma) and self.sigma > 0):
-            raise MeasurementError(
-                f"sigma must be positive, but is {self.sigma} m",
-                where="noise.sigma",
-                remedy="give a positive length; omit `noise` to estimate it from the residuals",
-            )
+        self._refuse_invalid_noise()
         for name, shape in self._row_shapes.items():
             check_array(name, getattr(self, name), (count, *shape))
         if self.covariance.ndim == 2:
@@ -390,6 +389,23 @@ class Measurements:
             object.__setattr__(self, "deflection", self.project_on_directions(self.deflection))
         if self.encoders is not None:
             check_array("encoder_readings", self.encoders.deflection, self.joints.shape)
+
+    def _refuse_invalid_noise(self) -> None:
+        """Refuse standard uncertainties that are not plausible numbers, and encoders without sigma."""
+        if self.sigma is not None and not (np.isfinite(self.sigma) and self.sigma > 0):
+            raise MeasurementError(
+                f"sigma must be positive, but is {self.sigma} m",
+                where="noise.sigma",
+                remedy="give a positive length; omit `noise` to estimate it from the residuals",
+            )
+        if self.repeatability is not None and not (
+            np.isfinite(self.repeatability) and self.repeatability >= 0.0
+        ):
+            raise MeasurementError(
+                f"the repeatability must be zero or positive, but is {self.repeatability} rad",
+                where="noise.repeatability",
+                remedy="give an angle that is zero or positive; omit it to estimate it from the residuals",
+            )
         if self.encoders is not None and self.sigma is None:
             raise MeasurementError(
                 "there are encoder readings but no sigma of the tracker, so angles and lengths cannot be "
