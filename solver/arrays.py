@@ -1,4 +1,4 @@
-"""Types of arrays, and algebra of many small vectors. A comment at each gives shape, unit, frame."""
+"""Types of arrays, and algebra of many small vectors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ FloatArray: TypeAlias = npt.NDArray[np.float64]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 IndexArray: TypeAlias = npt.NDArray[np.intp]
 Support: TypeAlias = npt.NDArray[np.int8]
-"""-1 where a lower bound holds a parameter, 1 where an upper bound does, 0 where it is free."""
+"""Array that is -1 for a parameter at its lower bound, 1 at its upper bound, and 0 for a free parameter."""
 
 
 def fix_axis_signs(axes: FloatArray) -> FloatArray:
@@ -26,7 +26,7 @@ def fix_axis_signs(axes: FloatArray) -> FloatArray:
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the cross products a × b (3, ...) of vectors (3, ...), components along the first axis.
+    """Return the cross products a × b (3, ...) of vectors (3, ...); the first index is the component.
 
     For a single pair of vectors this is faster than `np.cross`, which takes 15 µs.
     """

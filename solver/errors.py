@@ -17,7 +17,7 @@ from __future__ import annotations
 
 
 class JointstiffError(Exception):
-    """A failure that says where it happened, why, and what to do about it."""
+    """Failure with its reason, its remedy, and the place in the input where it happened (None if unknown)."""
 
     def __init__(self, reason: str, *, remedy: str, where: str | None = None) -> None:
         super().__init__(reason, remedy, where)
@@ -44,7 +44,7 @@ def _rebuild_error(kind: type[JointstiffError], arguments: tuple[object, ...]) -
 
 
 class InputError(JointstiffError):
-    """The input contradicts itself or physics; mend it."""
+    """The input is wrong: it contradicts itself or physics."""
 
 
 class RobotError(InputError):

@@ -1,4 +1,4 @@
-"""Results of `schemas` filled from arrays."""
+"""Functions that fill messages of `schemas` from arrays."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Built = TypeVar("Built", bound=Message)
 
 
 def build_messages(kind: type[Built], /, **columns: Sequence[Any] | np.ndarray[Any, Any]) -> list[Built]:
-    """Build one message of a class for each row of a table that is stated by its columns.
+    """Build messages of one class from a table: one message for each row, with a column for each field.
 
     Args:
         kind: class of the messages.
@@ -74,9 +74,9 @@ def _to_json_value(value: object) -> object:
 
 
 def list_joint_kinds(names: Iterable[str], kinds: Iterable[JointKind]) -> dict[str, JointKind]:
-    """Return the kind (revolute or prismatic) of each joint by the joint's name.
+    """Return the kind (revolute or prismatic) of each joint, in a dictionary by the joint's name.
 
-    Results do not list the kinds if all joints are revolute: the dictionary is then empty.
+    The dictionary is empty if all joints are revolute, because results then do not list the kinds.
     """
     by_name = dict(zip(names, kinds, strict=True))
     return by_name if "prismatic" in by_name.values() else {}

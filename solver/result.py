@@ -1,4 +1,4 @@
-"""Results that people read of a run: filled field by field from estimate, prediction and assessment."""
+"""Messages of a run's result, filled field by field from estimate, prediction and assessment."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class RunOutcome:
     choice: ModelChoice
     screening: Screening
     budget: UncertaintyBudget | None = None  #: None with links, or where sigma is unknown
-    links: LinksResult | None = None  #: None of joints alone
+    links: LinksResult | None = None  #: result for links and base; None if only joints bend
 
 
 def report_joints_alone(joints: JointsAlone, screening: Screening, choice: ModelChoice) -> RunOutcome:
@@ -74,18 +74,18 @@ def report_joints_alone(joints: JointsAlone, screening: Screening, choice: Model
         choice: message that explains why only joints are assumed to bend.
 
     Raises:
-        JointstiffError: as `JointsAlone.estimate` does.
+        JointstiffError: the identification of the joints fails.
     """
     robot, measurements = joints.robot, joints.measurements
     settings, estimate = joints.settings, joints.estimate
     model = JointModel.from_estimate(robot, estimate, settings.constraints)
-    left_out = None  # refits without a posture; None if they fail
+    left_out = None  # fits that each leave out one posture; None if such a fit fails
     error: ModelError | JointstiffError
     try:
         error = leave_postures_out(robot, measurements, settings, estimate, model)
         left_out = error.left_out
-    except JointstiffError as none:  # the run is valid without a model error; predictions state the reason
-        error = none
+    except JointstiffError as failure:  # the run is valid without a model error; predictions say why
+        error = failure
     lacks = screening.lack_of_fit and joints.are_sound
     budget = UncertaintyBudget.from_estimate(estimate, settings.confidence, left_out, lack_of_fit=lacks)
     if budget is not None and lacks:
@@ -133,8 +133,8 @@ def report_elastic_model(
     error: ModelError | JointstiffError
     try:
         error = leave_folds_out(robot, measurements, fitted)
-    except JointstiffError as none:  # the run is valid without a model error; predictions state the reason
-        error = none
+    except JointstiffError as failure:  # the run is valid without a model error; predictions say why
+        error = failure
     return RunOutcome(
         estimate,
         fitted.prediction,
@@ -172,7 +172,10 @@ def describe_choice_of_joints(options: RunOptions, screening: Screening, exclude
     if options.elasticity != "automatic":
         source, text = "given", f"Joints alone, as requested ({p})."
     elif excluded is not None:
-        source, text = "options", f"Joints alone: elastic links exclude {excluded.replace('_', ' ')} ({p})."
+        source, text = (
+            "options",
+            f"Joints alone: elastic links cannot be combined with {excluded.replace('_', ' ')} ({p}).",
+        )
     elif screening.links_p_value < LINKS_LEVEL:
         source, text = "screening", f"Joints alone: correct the mistake named in the reasons first ({p})."
     else:
@@ -205,17 +208,20 @@ def describe_choice_by_comparison(winner: Winner, screening: Screening) -> Model
     remarks = "" if chosen.model == "joints" else " K_c is neglected."
     tied = selection.tied is not None and not winner.given
     if intervals == chosen.model and not tied:
-        remarks += " Intervals of stiffness are of this model."
+        remarks += " The intervals of stiffness are computed with this model."
     elif tied:
-        remarks += " Held-out postures do not distinguish links from base: intervals "
+        remarks += " Held-out postures do not distinguish links from base: the intervals of stiffness "
         remarks += (
             "contain both models' values."
             if elastic is None or elastic.estimate.prediction.joined or intervals is None
-            else f"are of {intervals.replace('_', ' ')} alone, as no optimum of links alone was certified."
+            else f"are computed with {intervals.replace('_', ' ')} alone, because no optimum of links alone "
+            "was certified."
         )
     elif intervals is not None:
         richer = intervals.replace("_", " ")
-        remarks += f" Intervals of stiffness are of {richer}, the richest model compared."
+        remarks += (
+            f" The intervals of stiffness are computed with {richer}, the richest of the models compared."
+        )
     return ModelChoice(
         elasticity=chosen.model,
         loss=chosen.loss,
@@ -298,7 +304,7 @@ def build_joint_results(
     for joint, verdict in zip(joints, assessment.joints, strict=True):
         reason = joint.reason
         if reason is not None and assessment.verdict == "do_not_use":
-            reason = reason.removeprefix(joint.limit)  # the limit in words, with which the reason begins
+            reason = reason.removeprefix(joint.limit)  # the reason begins with the limit in words
         yield runs.JointResult(
             name=joint.name,
             kind=joint.kind,
@@ -394,15 +400,15 @@ def _build_encoder_residuals(
     encoders = measurements.encoders
     if encoders is None or prediction.encoders is None:
         return []
-    k, j = np.nonzero(encoders.present)
-    read, predicted = encoders.deflection[k, j], prediction.encoders[k, j]
+    i, j = np.nonzero(encoders.present)
+    measured, predicted = encoders.deflection[i, j], prediction.encoders[i, j]
     return build_messages(
         runs.EncoderResidual,
-        observation=np.array(measurements.labels)[k],
+        observation=np.array(measurements.labels)[i],
         joint=np.array(names)[j],
-        deflection=read,
+        deflection=measured,
         predicted=predicted,
-        residual=read - predicted,
+        residual=measured - predicted,
     )
 
 
@@ -448,28 +454,31 @@ def build_budget_message(
     """
     if budget is None:
         return None
-    shown, factor = budget.joints, budget.coverage_factor
+    estimated, factor = budget.joints, budget.coverage_factor
     # The rows of the spread are the components, the sum of the included components, and the sum of all.
     spread = budget.spread
-    lacks = any(each.code in _LACK_OF_FIT or each.weight == "do_not_use" for each in reasons)
-    uncertainty, correlation = spread.uncertainty[:, shown], spread.correlation[:, shown][..., shown]
-    missing: list[runs.BudgetGap] = []
+    lack_of_fit = any(each.code in _LACK_OF_FIT or each.weight == "do_not_use" for each in reasons)
+    uncertainty = spread.uncertainty[:, estimated]
+    correlation = spread.correlation[:, estimated][..., estimated]
+    missing: list[runs.BudgetGap] = []  # contributions that the budget does not include
     if all(part.source != "model_error" for part in budget.components):
         missing.append("model_error")
-    if lacks:
+    if lack_of_fit:
         missing.append("lack_of_fit")
     return runs.Budget(
-        joints=[names[j] for j in shown],
+        joints=[names[j] for j in estimated],
         components=[
             runs.BudgetComponent(
                 source=part.source,
                 evaluation=part.evaluation,
                 included=part.included,
                 degrees_of_freedom=finite_or_none(part.degrees_of_freedom),
-                contributions=own.tolist(),
-                correlation=between.tolist(),
+                contributions=contributions.tolist(),
+                correlation=correlations.tolist(),
             )
-            for part, own, between in zip(budget.components, uncertainty[:-2], correlation[:-2], strict=True)
+            for part, contributions, correlations in zip(
+                budget.components, uncertainty[:-2], correlation[:-2], strict=True
+            )
         ],
         standard_uncertainty=uncertainty[-2].tolist(),
         correlation=correlation[-2].tolist(),

@@ -39,23 +39,23 @@ from jointstiff.solver.result import (
 )
 
 Arrays: TypeAlias = Mapping[str, npt.NDArray[Any]]
-"""Arrays that one step of a long run computes, by name."""
+"""Arrays that one step of a long run computes, by the arrays' names."""
 
 
 def run(
     robot: Robot, measurements: Measurements, options: RunOptions, noticed: Sequence[Finding] = ()
 ) -> RunResult:
-    """Identify the joint stiffnesses of a robot from a campaign, with intervals and a verdict.
+    """Identify the joint stiffnesses of a robot from a campaign; return them with intervals and a verdict.
 
     Args:
-        robot: n joints.
-        measurements: N observations.
-        options: how to identify.
+        robot: robot with n joints.
+        measurements: readings of N observations.
+        options: options of the identification, such as method, loss and elasticity.
         noticed: findings of the integrity checks of these measurements (`jointstiff.solver.integrity`).
 
     Raises:
-        RequestError: the readings or the robot cannot support what is requested.
-        JointstiffError: there is no result, and why.
+        RequestError: the readings or the robot cannot support the options.
+        JointstiffError: the identification fails; the error says why.
     """
     identification = Identification(robot, measurements, options, noticed)
     long = identification.long
@@ -63,11 +63,11 @@ def run(
 
 
 class Identification:
-    """A run of an identification, checked when created, then computed in steps and concluded.
+    """Run of an identification, checked when created, then computed in steps and concluded.
 
     Attributes:
-        long: the time-consuming part, whose steps may be computed by any process: resampling, or a
-            competition of models; None for a quick run.
+        long: time-consuming part of the run, whose steps may be computed by any process: resampling, or a
+            competition of models; None for a run without such a part.
     """
 
     def __init__(
@@ -76,18 +76,18 @@ class Identification:
         """Check the request; if the model is to be chosen automatically, also identify the joints.
 
         Args:
-            robot: n joints.
-            measurements: N observations.
-            options: how to identify.
+            robot: robot with n joints.
+            measurements: readings of N observations.
+            options: options of the identification, such as method, loss and elasticity.
             noticed: findings of the integrity checks of these measurements.
 
         Raises:
-            RequestError: the readings or the robot cannot support what is requested.
+            RequestError: the readings or the robot cannot support the options.
         """
         self._robot, self._measurements, self._options = robot, measurements, options
         self._noticed = tuple(noticed)
         self.long: Draws | Competition | None = None
-        if options.weight is None:
+        if options.weight is None:  # a run by the robot's own weight has no long part
             causes = [cause.pair for cause in options.causes]
             self._measurements = fit_causes(robot, measurements.require_loads(), causes)
             self._settings = Settings.from_options(options, robot)
@@ -102,7 +102,7 @@ class Identification:
 
     @cached_property
     def _excluded(self) -> str | None:
-        """Name of the option that rules out elastic links in an automatic choice; None if there is none."""
+        """Name of the option that rules out elastic links in an automatic choice; None if no option does."""
         if self._options.elasticity != "automatic":
             return None
         return find_excluding_option(self._options, self._settings, self._robot, self._measurements)
@@ -136,10 +136,10 @@ class Identification:
 
         Args:
             parts: arrays that the steps of the long part computed, in the order of the steps; empty for a
-                quick run.
+                run without a long part.
 
         Raises:
-            JointstiffError: there is no result, and why.
+            JointstiffError: the identification fails; the error says why.
         """
         if self._options.weight is not None:
             return run_by_weight(self._robot, self._measurements, self._options, self._noticed)
@@ -149,7 +149,8 @@ class Identification:
             screening = replace(self._joints.screening, comparable=self._excluded is None)
             choice = describe_choice_of_joints(self._options, screening, self._excluded)
             outcome = report_joints_alone(self._joints, screening, choice)
-        # The gain of another reading is known only if the readings hold no mistake and only joints bend.
+        # Further readings are advised only if the readings contain no mistake and only joints bend: else the
+        # gain of another reading is unknown.
         usable = outcome.assessment.verdict != "do_not_use" and outcome.links is None
         measurements = self._joints.measurements
         advice = advise_next_readings(self._robot, measurements, outcome.estimate) if usable else ()

@@ -1,4 +1,4 @@
-"""Numbers, lengths, limits, postures and stiffnesses in words."""
+"""Texts of numbers, lengths, limits, postures and stiffnesses for people."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Final
 
 from jointstiff.schemas.joints import JOINT_UNITS, JointKind
 
-_RAISED: Final = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_SUPERSCRIPTS: Final = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def figure(value: float, form: str = ".4g") -> str:
@@ -21,8 +21,8 @@ def figure(value: float, form: str = ".4g") -> str:
         text = f"{float(text):.10g}"
     if "e" in text:
         mantissa, exponent = text.split("e")
-        return f"{mantissa} · 10{str(int(exponent)).translate(_RAISED)}"
-    return text if text.strip("-0.") else text.lstrip("-")
+        return f"{mantissa} · 10{str(int(exponent)).translate(_SUPERSCRIPTS)}"
+    return text if text.strip("-0.") else text.lstrip("-")  # "-0.00" becomes "0.00"
 
 
 def length_text(length: float) -> str:
@@ -44,10 +44,10 @@ def unknowns_text(unit: str, values: Sequence[float]) -> str:
         shift, turn = values[:3], values[3:]
         return f"{unknowns_text('m', shift)} and ({_join_scaled(1e6, turn)}) µrad"
     if unit == "m":
-        small = max(map(abs, values), default=0.0) < 1e-3
-        return f"({_join_scaled(1e6, values)}) µm" if small else f"({_join_scaled(1e3, values)}) mm"
-    factor, shown = {"rad": (60.0 * degrees(1.0), "arcmin"), "1": (1e2, "%")}.get(unit, (1.0, unit))
-    return f"({_join_scaled(factor, values)}) {shown}"
+        in_micrometres = max(map(abs, values), default=0.0) < 1e-3
+        return f"({_join_scaled(1e6, values)}) µm" if in_micrometres else f"({_join_scaled(1e3, values)}) mm"
+    factor, shown_unit = {"rad": (60.0 * degrees(1.0), "arcmin"), "1": (1e2, "%")}.get(unit, (1.0, unit))
+    return f"({_join_scaled(factor, values)}) {shown_unit}"
 
 
 def _join_scaled(factor: float, values: Sequence[float]) -> str:
@@ -56,7 +56,7 @@ def _join_scaled(factor: float, values: Sequence[float]) -> str:
 
 
 def round_down(limit: float) -> float:
-    """Round a positive number down to three significant digits, so that a lower limit stays one."""
+    """Round a positive number down to three significant digits, so that a lower limit stays a lower limit."""
     step = 10.0 ** (floor(log10(limit)) - 2)
     return floor(limit / step) * step
 

@@ -375,11 +375,13 @@ def convert_urdf(text: str, base: str | None, flange: str | None) -> dict[str, A
         RobotError: the text is not a URDF, or several links may be the base or the flange.
     """
     document = parse_xml(text)
-    joints = document.named("joint")
-    links = [link.attributes.get("name", "") for link in document.named("link")]
+    joints = document.find_children("joint")
+    links = [link.attributes.get("name", "") for link in document.find_children("link")]
     frames: dict[str, str] = {}
     for name, stated, tag in (("base", base, "child"), ("flange", flange, "parent")):
-        found = {end.attributes.get("link") for joint in joints if (end := joint.only(tag, "joint"))}
+        found = {
+            end.attributes.get("link") for joint in joints if (end := joint.find_only_child(tag, "joint"))
+        }
         ends = [link for link in links if link not in found]
         if stated is None and len(ends) != 1:
             some = ", ".join(ends[:8])

@@ -26,7 +26,7 @@ from jointstiff.solver.mechanics.block import fitted_errors, regressor_blocks
 from jointstiff.solver.mechanics.measurements import DifferenceNoise, Instrument, Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.mechanics.springs import JOINTS, links_behind
+from jointstiff.solver.mechanics.springs import JOINTS, build_links_term
 from jointstiff.solver.mechanics.terms import TERMS
 
 LoadKind = Literal["dead_weight", "any_direction", "cable"]
@@ -350,7 +350,7 @@ def build_reading_stack(robot: Robot, request: PlanRequest, measurements: Measur
         Stack of rows with P columns, followed by the column of the reading.
     """
     hedged = [term for term in TERMS.values() if term.hedged]
-    terms = [JOINTS, *([links_behind(tuple(range(robot.n)))] if request.links else hedged)]
+    terms = [JOINTS, *([build_links_term(tuple(range(robot.n)))] if request.links else hedged)]
     fitted = fitted_errors(measurements).terms
     blocks, compliance = regressor_blocks(robot, measurements), np.nan_to_num(request.nominal)
     stack = Stack.from_blocks(blocks, [*terms, *fitted], compliance)

@@ -67,7 +67,8 @@ WORTH_A_WARNING: Final = 0.1
 """Relative error of sigma up to which no warning is given: it changes no conclusion, though large sets show
 it."""
 CARE_SHARE, UNUSABLE_SHARE = 0.7, 0.5
-"""Compensation below which something besides the joints deflects; the joints of real robots explain 80 %."""
+"""Compensation below which more than the joints deflects: with a warning, and with an unusable result; the
+joints of real robots explain 80 %."""
 LARGEST_SIGMA: Final = 1e-4
 """Sigma from the residuals [m] above any laser tracker's: readings of a robot have 10 to 40 µm."""
 LEAST_SIGMA: Final = 1e-8
@@ -75,7 +76,7 @@ LEAST_SIGMA: Final = 1e-8
 PLAUSIBLE_STIFFNESS: Final = (1e3, 1e9)
 """Range of joint stiffness of industrial robots [N·m/rad, N/m], with a margin of three decades."""
 LARGEST_SHIFT: Final = 0.5
-"""Bias in standard uncertainties at which a 95 % interval covers only 92 %."""
+"""Bias, in standard uncertainties, at which a 95 % interval contains the true value in only 92 % of cases."""
 _PLACES: Final = 60
 _LEAST_FREEDOM: Final = 0.5
 _LEAST_POSTURES: Final = 3
@@ -101,9 +102,9 @@ _CHECK_NOISE: Final = (
 class Assessment:
     """Verdict on a whole result and on each joint, with the reasons."""
 
-    verdict: Verdict  #: verdict on the whole result: that of the most severe reason
+    verdict: Verdict  #: verdict on the whole result: the weight of the most severe reason
     reasons: tuple[Finding, ...]  #: most severe first; none where the verdict is "use"
-    #: verdict on each joint, never better than that of a reason on the whole set or on this joint
+    #: verdict on each joint, never better than the weight of a reason on the whole set or on this joint
     joints: tuple[Verdict, ...]
     notes: tuple[str, ...] = ()  #: sentences on assumptions, and on checks that the readings do not allow
     remarks: tuple[Finding, ...] = ()  #: findings of the weight "use", which do not change the verdict
@@ -130,7 +131,7 @@ def assess(
 
     Args:
         joints: identification by joints alone, with measurements and findings of their integrity checks.
-        estimate: estimate to be derive_assessment, by joints alone or by a model with links or base.
+        estimate: estimate to be assessed, of joints alone or of a model with links or base.
         prediction: prediction of the same measurements by the estimate.
         screening: tests for other causes of the deflections, with the cross-validation if models were
             compared; None without tests.
@@ -138,12 +139,13 @@ def assess(
     robot, measurements, settings = joints.robot, joints.measurements, joints.settings
     findings: Sequence[Finding] = joints.noticed
     notes = tuple(_list_notes(measurements, estimate))
-    roots = _group_by_code([each for each in findings if each.code in ROOT_MISTAKES], "do_not_use")
-    if roots:
+    root_mistakes = _group_by_code([each for each in findings if each.code in ROOT_MISTAKES], "do_not_use")
+    if root_mistakes:  # after such a mistake no other check means anything
         reasons: list[Finding] = []
-        for group in roots:  # findings of one code become one reason, but each fitting robot stays a choice
-            choices = group[0].code == "another_robot_fits"
-            reasons += group if choices else [_summarise_findings(group, group[0].action)]
+        for group in root_mistakes:
+            # Findings of one code become one reason; but of several robots that fit, the user chooses one.
+            is_choice = group[0].code == "another_robot_fits"
+            reasons += group if is_choice else [_summarise_findings(group, group[0].action)]
         return replace(derive_assessment(estimate.joints, reasons), notes=notes)
     better = joints.find_gross_mistake(estimate)
     if better is not None:
@@ -154,6 +156,7 @@ def assess(
         screening = None
     causes: Sequence[Cause] = () if screening is None else screening.causes
     if better is not None:
+        # Report either the mistake in the data or the causes: whichever explains the readings better.
         if (
             screening is not None
             and screening.makes_links_unnecessary
@@ -206,7 +209,7 @@ def _list_notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]
 def derive_assessment(joints: Sequence[JointCompliance], findings: Iterable[Finding]) -> Assessment:
     """Return the assessment that follows from findings and from the status of each joint.
 
-    The verdict is that of the most severe finding; reasons and remarks are in order of severity.
+    The verdict is the weight of the most severe finding; reasons and remarks are in order of severity.
     """
     ordered = tuple(sorted(findings, key=lambda finding: -_ORDER[finding.weight]))
     names = {joint.name for joint in joints}
@@ -272,11 +275,11 @@ def report_alternative(robot: Robot, measurements: Measurements, better: BetterA
         matrix = robot.joint_map.matrix @ alternative.matrix
         offset = robot.joint_map.matrix @ alternative.offset + robot.joint_map.offset
         if alternative.kind == "zero_offset":  # whole turns bring the angles within the limits
-            from_middle = (
+            turns_to_middle = (
                 robot.limits.mean(axis=1) - np.median(measurements.joints, axis=0) @ matrix.T - offset
             )
             offset = offset + 2.0 * np.pi * np.round(
-                np.where(np.isfinite(from_middle), from_middle, 0.0) / (2.0 * np.pi)
+                np.where(np.isfinite(turns_to_middle), turns_to_middle, 0.0) / (2.0 * np.pi)
             )
         action = Action.of("apply_joint_map", joints=names, joint_map=matrix.tolist(), offset=offset.tolist())
     return Finding(
@@ -293,10 +296,9 @@ def report_alternative(robot: Robot, measurements: Measurements, better: BetterA
 def report_causes(causes: Sequence[Cause], estimate: Estimate) -> Finding:
     """Return the finding that joints and a cause explain the readings better than joints alone.
 
-    Several causes may do so equally well. The weight of the finding is "do_not_use" if the causes make links
-    unnecessary and change a compliance by more than `HARMFUL`. A change by the load point counts only beyond
-    the uncertainty that the intervals already include: an assumed load point includes 10 mm, while a load
-    point stated to 1 mm does not.
+    Several causes may explain the readings equally well. The weight of the finding is "do_not_use" if the
+    causes make links unnecessary and change a compliance by more than `HARMFUL`. A change because of the load
+    point counts only if it exceeds `COVERED` times the uncertainty by the load point in the intervals.
     """
     descriptions, remedies, changes, harm = [], [], [0.0], False
     for cause in causes:
@@ -332,7 +334,7 @@ def report_causes(causes: Sequence[Cause], estimate: Estimate) -> Finding:
 
 
 def report_fitted_causes(measurements: Measurements) -> Iterator[Finding]:
-    """Yield a finding for each cause that was fitted with the joints; its stated value is refuted."""
+    """Yield a finding for each cause that was fitted with the joints: the cause's stated value is wrong."""
     fitted, start = fitted_errors(measurements), 0
     uncertainty = np.linalg.norm(fitted.root, axis=1)
     for term, values in zip(fitted.terms, fitted.unknowns, strict=True):
@@ -357,7 +359,7 @@ def find_reading_problems(
 ) -> Iterator[Finding]:
     """Yield findings on problems of the readings.
 
-    The findings of the integrity checks are merged into one for each kind, and those of the whole set come
+    Findings of the integrity checks are merged into one for each kind, and findings on the whole set come
     first. Leaving observations out is proposed only if few observations are concerned.
     """
     labels = measurements.labels
@@ -370,7 +372,7 @@ def find_reading_problems(
         first, observations = group[0], _list_observations(measurements, group)
         if first.code == "target_moved" and first.observation is not None:
             row = labels.index(first.observation)
-            # A target that stays moved: leave out the fewer observations, before or after the move.
+            # The target moved for good: leave out the observations before or after, whichever are fewer.
             observations = min(labels[row:], labels[:row], key=len)
         only_few = first.code not in _LENGTHS and 0 < len(observations) <= MOST_LEFT_OUT * len(labels)
         yield _summarise_findings(
@@ -402,10 +404,11 @@ def _report_load_at_target(robot: Robot, measurements: Measurements) -> Iterator
     if part.present.shape[1] < 2 or not part.force.any():
         return
     places = np.where(part.in_flange[..., None], part.position, targets_in_flange(robot, part))
-    apart = np.linalg.norm(places - part.load_point[:, None], axis=2)
-    apart = np.where((part.coordinates == 3).any(axis=0), apart, np.inf).max(axis=0)
-    t = int(apart.argmin())
-    if apart[t] <= SAME_PLACE:
+    distance = np.linalg.norm(places - part.load_point[:, None], axis=2)
+    # Only targets whose three coordinates were read have a known place.
+    distance = np.where((part.coordinates == 3).any(axis=0), distance, np.inf).max(axis=0)
+    t = int(distance.argmin())
+    if distance[t] <= SAME_PLACE:
         yield Finding(
             code="load_at_target",
             weight="use_with_care",
@@ -424,12 +427,13 @@ def _report_outlying(
     lacks something, such as links that bend. Outliers that a model with links explains are not reported.
     """
     norm = np.linalg.norm(prediction.residual, axis=2).max(axis=1)
-    if prediction.contributions is None:
+    if prediction.contributions is None:  # links or base bend as well
         beyond = {measurements.labels[i] for i in np.flatnonzero(norm > OUTLYING * np.median(norm))}
         outliers = [f for f in outliers if f.observation is None or f.observation in beyond]
     observations = _list_observations(measurements, outliers)
     if not observations:
         return
+    # Count all observations with residuals as large as those of the outliers.
     count = int((norm >= norm[[measurements.labels.index(label) for label in observations]].min()).sum())
     if count >= FEW * len(measurements):
         yield Finding(
@@ -447,20 +451,20 @@ def _report_outlying(
 
 
 def _group_by_code(findings: Sequence[Finding], weight: Verdict) -> list[list[Finding]]:
-    """Return the findings of one weight in groups of the same code, in order of each code's first one."""
-    weighty = [finding for finding in findings if finding.weight == weight]
-    codes = dict.fromkeys(finding.code for finding in weighty)
-    return [[finding for finding in weighty if finding.code == code] for code in codes]
+    """Return the findings of one weight in groups of the same code, in the order in which codes appear."""
+    of_weight = [finding for finding in findings if finding.weight == weight]
+    codes = dict.fromkeys(finding.code for finding in of_weight)
+    return [[finding for finding in of_weight if finding.code == code] for code in codes]
 
 
 def _list_observations(measurements: Measurements, group: Sequence[Finding]) -> tuple[str, ...]:
-    """Return the labels of the findings' observations, in the order of the set."""
+    """Return the labels of the observations that the findings name, in the order of the set."""
     named = {finding.observation for finding in group}
     return tuple(label for label in measurements.labels if label in named)
 
 
 def _summarise_findings(group: Sequence[Finding], action: Action | None) -> Finding:
-    """Return the first finding of a group, with the number of the others in its message, and an action."""
+    """Return a group's first finding with an action, and the number of other findings in the message."""
     more = f" (and {len(group) - 1} more of this kind)" if len(group) > 1 else ""
     return group[0].model_copy(update={"message": group[0].message + more, "action": action})
 
@@ -486,7 +490,7 @@ def find_fit_problems(
     """
     statuses = [joint.status for joint in estimate.joints]
     remedy, action = "add postures and loads that twist the joints", None
-    if set(statuses) - {"not_observable"} == {"at_bound"}:
+    if set(statuses) - {"not_observable"} == {"at_bound"}:  # all observable joints seem rigid
         remedy = (
             "choose another robot, or check its joint map and the frame of the forces: the targets do not "
             "move as the joints of this one would move them"
@@ -551,16 +555,18 @@ def _report_freedom(measurements: Measurements, estimate: Estimate) -> Iterator[
     coordinates = int(np.minimum(measurements.coordinates.sum(axis=1), 6).sum())
     if measurements.encoders is not None:
         coordinates += int(measurements.encoders.present.sum())
-    free = min(estimate.degrees_of_freedom, coordinates - estimate.rank)
+    freedom = min(estimate.degrees_of_freedom, coordinates - estimate.rank)
     sigma = None if estimate.sigma_given else estimate.sigma
-    if free < _LEAST_FREEDOM:
+    if freedom < _LEAST_FREEDOM:
         known = estimate.sigma_given
-        left = "its uncertainty comes from the stated noise only" if known else "the uncertainty is unknown"
+        consequence = (
+            "its uncertainty comes from the stated noise only" if known else "the uncertainty is unknown"
+        )
         yield Finding(
             code="no_residual_freedom",
             weight="use_with_care" if known else "do_not_use",
             message="there are as many parameters as readings, so the fit reproduces any readings exactly: "
-            f"{left}",
+            f"{consequence}",
             remedy="measure at least twice as many observations",
         )
     elif sigma is not None and sigma < LEAST_SIGMA:
@@ -624,7 +630,7 @@ def _report_residuals(
     else:
         weight: Verdict = "use_with_care" if ratio <= UNUSABLE_RATIO else "do_not_use"
         if test.p_value > CARE_LEVEL or (not joints_alone and ratio <= CARE_RATIO_OF_LINKS):
-            weight = "use"  # chance, or the penalty of the links, may do it
+            weight = "use"  # chance, or the penalty of the links, may enlarge the residuals so far
         yield Finding(
             code="residuals_exceed_sigma",
             weight=weight,
@@ -639,18 +645,18 @@ def _report_residuals(
 def _report_unexplained(
     measurements: Measurements, estimate: Estimate, prediction: Prediction
 ) -> Iterator[Finding]:
-    """Yield a finding if the joints explain too little of the deflections.
+    """Yield a finding if the joints explain too small a share of the deflections.
 
-    If the stated noise explains the rest, the finding has the weight `use`.
+    If the stated noise explains the residuals, the finding has the weight `use`.
     """
-    share, noisy = prediction.compensation, residuals_within_noise(estimate)
-    if share is None or share >= (UNUSABLE_SHARE if noisy else CARE_SHARE):
+    share, is_noise = prediction.compensation, residuals_within_noise(estimate)
+    if share is None or share >= (UNUSABLE_SHARE if is_noise else CARE_SHARE):
         return
     weight: Verdict = "use_with_care" if share >= UNUSABLE_SHARE else "do_not_use"
     norm = np.linalg.norm(prediction.residual, axis=2).max(axis=1)
     yield Finding(
         code="deflection_unexplained",
-        weight="use" if noisy else weight,
+        weight="use" if is_noise else weight,
         message=f"the joints explain only {100 * share:.3g} % of the mean deflection; the joints of "
         "industrial robots usually explain about 80 %",
         remedy="check the robot's model, the joint map, the frame and signs of the forces, and the units",
@@ -699,7 +705,8 @@ def report_implausible_joints(joints: Sequence[JointCompliance]) -> Iterator[Fin
         )
         if stiffness < 0.0:
             remedy = (
-                "set non_negative; check the joint map, the order of the angles and the signs of the forces"
+                "set `positive` to true; check the joint map, the order of the angles, and the signs of the "
+                "forces"
             )
         elif len(implausible) == len(identified):
             remedy = "check the units of force, length and moment: all joints are out of range"
@@ -736,16 +743,18 @@ def _report_complementary_stiffness(size: ComplementaryStiffness) -> Iterator[Fi
 
 def _report_links(prediction: Prediction, screening: Screening | None) -> Iterator[Finding]:
     """Yield a finding if links or base bend (method.md §7), or if joints alone do not fit the readings."""
-    gain, bends = None, ""
+    gain, evidence_of_bending = None, ""
     if screening is not None:
         gain = screening.gain
-        bends = f"something besides the joints bends (F test, p = {screening.links_p_value:.1g})"
+        evidence_of_bending = (
+            f"something besides the joints bends (F test, p = {screening.links_p_value:.1g})"
+        )
     if gain is not None:
-        bends += (
+        evidence_of_bending += (
             f". With {gain.model.replace('_', ' ')}, held-out postures are predicted to "
             f"{length_text(gain.error)}, by joints alone to {length_text(gain.error_of_joints)}"
         )
-    evidence = "" if gain is None else f"{bends}. "
+    evidence = "" if gain is None else f"{evidence_of_bending}. "
     if prediction.bending == "links_or_base":
         intervals = "the intervals of the stiffnesses contain the values of both models"
         if not prediction.joined:
@@ -783,7 +792,7 @@ def _report_links(prediction: Prediction, screening: Screening | None) -> Iterat
         yield Finding(
             code="lack_of_fit",
             weight="use_with_care",
-            message=bends,
+            message=evidence_of_bending,
             remedy="set elasticity to automatic, so that the readings choose the model; otherwise use these "
             "stiffnesses, which include the bending of links, only for postures and loads like the measured "
             "ones",

@@ -1,4 +1,4 @@
-"""Causes of what joints alone leave unexplained compete, and gross mistakes are undone (method.md §7, §13).
+"""Causes of deflections that joints alone do not explain, and gross mistakes in the data (method.md §7, §13).
 
 A load point elsewhere, a forgotten force, a load cell's zero, some loads heavier than others, play in the
 gears, a tracker or base that moved: each is a term in addition to the joints, which are fitted with K_c to
@@ -52,12 +52,12 @@ from jointstiff.solver.mechanics.block import (
     RegressorBlock,
     Rows,
     Term,
+    build_rows,
+    build_whitened_rows,
     fitted_errors,
     regressor_blocks,
-    rows_of,
     targets_in_flange,
     unloaded_block,
-    whitened_rows,
 )
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
@@ -113,10 +113,10 @@ class Cause:
 
     suspect: Suspect
     unknowns: FloatArray  #: (k,) fitted values in the term's unit
-    p_value: float  #: p-value of the cause's F test
+    p_value: float  #: p-value of the F test of the cause
     links_p_value: float  #: p-value of the F test of links added to joints and cause
-    compliance: FloatArray  #: (n,) of the joints fitted with it [rad/(N·m)]
-    ratio: float  #: sum of squared residuals with the cause over the sum without
+    compliance: FloatArray  #: (n,) of the joints, fitted together with the cause [rad/(N·m)]
+    ratio: float  #: sum of squared residuals with the cause, over the sum without the cause
     criterion: float  #: Bayesian information criterion; the least is preferred
 
     @property
@@ -213,12 +213,13 @@ def screen_estimate(
         block = next(regressor_blocks(robot, tested, bending_compliance))
     except SolverError:  # no balance under the load: the assessment reports that elsewhere
         return Screening(1.0, (), ())
-    before, visible = fitted_errors(measurements).terms, ~estimate.observability.null
-    suspects = _list_suspects(measurements, block, compliance, before)
+    always_fitted, visible = fitted_errors(measurements).terms, ~estimate.observability.null
+    suspects = _list_suspects(measurements, block, compliance, always_fitted)
     triangles = _Triangles(
-        block, compliance, visible, before, [suspect.term for suspect in suspects], scattered=scattered
+        block, compliance, visible, always_fitted, [suspect.term for suspect in suspects], scattered=scattered
     )
     links_p_value = triangles.links_p_value()
+    # One p-value for each suspect, then that of the base.
     *p_values, base_p_value = triangles.p_values([*(s.term.name for s in suspects), DIAGONAL_BASE.name])
     # A cause sought by its onset is tested once for each onset that was tried (Bonferroni).
     tests = {s: min(1.0, s.tried * max(s.least_p, p)) for s, p in zip(suspects, p_values, strict=True)}
@@ -226,20 +227,13 @@ def screen_estimate(
     causes: list[Cause] = []
     for suspect in ordered:
         if tests[suspect] < MISTAKE_LEVEL / len(suspects):
-            with suppress(SolverError):  # the cause implies loads without a balance: it is no explanation
-                causes.append(_follow_cause(robot, tested, triangles, suspect, tests[suspect]))
-    causes.sort(key=lambda cause: -cause.criterion)
-    # The causes are in order of decreasing criterion, so the best cause of each name stays in the table.
-    best_by_name = {cause.suspect.name: cause for cause in causes}
-    best = min((cause.criterion for cause in causes), default=np.inf)
-    preferred = tuple(cause for cause in reversed(best_by_name.values()) if cause.criterion <= best + AS_WELL)
-    # If links explain the readings better than any cause, keep only causes that leave nothing for links.
-    if links_p_value < LINKS_LEVEL and triangles.links_criterion() < best - AS_WELL:
-        preferred = tuple(cause for cause in preferred if cause.makes_links_unnecessary)
+            with suppress(SolverError):  # a cause that implies loads without a balance is no explanation
+                causes.append(_fit_suspected_cause(robot, tested, triangles, suspect, tests[suspect]))
+    preferred = _select_best_causes(causes, triangles, links_p_value)
     listed = tuple(CauseTest(name=each.name, first=each.first, p_value=tests[each]) for each in ordered)
     if base_p_value >= MISTAKE_LEVEL:
         return Screening(links_p_value, listed, preferred, base_p_value=base_p_value)
-    with_base = _Triangles(block, compliance, visible, before, [FULL_BASE], scattered=scattered)
+    with_base = _Triangles(block, compliance, visible, always_fitted, [FULL_BASE], scattered=scattered)
     return Screening(
         links_p_value,
         listed,
@@ -248,6 +242,23 @@ def screen_estimate(
         links_p_value_with_base=with_base.links_p_value(FULL_BASE.name),
         base_p_value_with_links=triangles.p_values([DIAGONAL_BASE.name], DIAGONAL_LINKS.name)[0],
     )
+
+
+def _select_best_causes(
+    causes: list[Cause], triangles: _Triangles, links_p_value: float
+) -> tuple[Cause, ...]:
+    """Return the best cause and the causes that explain the readings equally well, at most one of each name.
+
+    If links explain the readings better than any cause, only causes that make links unnecessary are returned.
+    """
+    causes.sort(key=lambda cause: -cause.criterion)
+    # The causes are in order of decreasing criterion, so the best cause of each name overwrites the others.
+    best_by_name = {cause.suspect.name: cause for cause in causes}
+    least = min((cause.criterion for cause in causes), default=np.inf)
+    best = tuple(cause for cause in reversed(best_by_name.values()) if cause.criterion <= least + AS_WELL)
+    if links_p_value < LINKS_LEVEL and triangles.links_criterion() < least - AS_WELL:
+        best = tuple(cause for cause in best if cause.makes_links_unnecessary)
+    return best
 
 
 def fit_causes(
@@ -287,7 +298,7 @@ def _subtract_named_causes(
     block = next(regressor_blocks(robot, part))
     rows = Stack.from_blocks([block], [JOINTS], np.zeros(robot.n)).flat
     compliance, _ = solve_nonnegative(rows[:, :-1], rows[:, -1])
-    # A turn includes a shift: from the same observation on only one of the two is fitted.
+    # A turn includes a shift: if both begin at the same observation, only the turn is fitted.
     named = [(name, first) for name, first in named if name != "shift" or ("turn", first) not in named]
     firsts = [first for _, first in named if first is not None]
     known = {(s.name, s.first): s for s in _list_suspects(measurements, block, compliance, (), firsts)}
@@ -336,24 +347,24 @@ def _fit_causes_with_joints(
         compliance = np.zeros(robot.n)
         compliance[visible] = np.maximum(found.known, 0.0)
         ends = np.cumsum([len(triangles.stated.span[term.name]) for term in terms])[:-1]
-        before, unknowns = unknowns, unknowns + found.unknowns
+        previous, unknowns = unknowns, unknowns + found.unknowns
         if not size.any():  # unit of each term's unknowns: their root mean square after the first step
             by_term = np.split(unknowns, ends)
             size = np.concatenate([np.full(len(each), np.sqrt(np.mean(each**2)) or 1.0) for each in by_term])
         # Set the part of the unknowns that the joints explain equally well to zero.
-        hidden = np.linalg.qr(found.hidden / size[:, None])[0]
+        hidden = np.linalg.qr(found.hidden / size[:, None])[0]  # orthonormal directions in these units
         unknowns = unknowns - size * (hidden @ (hidden.T @ (unknowns / size)))
         root = np.hstack([triangles.sigma * found.root, size[:, None] * hidden])
         determined = found.root.shape[1]
         errors = FittedErrors(tuple(terms), tuple(np.split(unknowns, ends)), root, determined)
         fitted = _FittedCauses(errors, compliance, triangles)
-        if np.linalg.norm((unknowns - before) / size) <= _STEP_TOLERANCE * np.linalg.norm(unknowns / size):
+        if np.linalg.norm((unknowns - previous) / size) <= _STEP_TOLERANCE * np.linalg.norm(unknowns / size):
             break
         remaining = _subtract_errors(robot, part, errors, compliance)
     return fitted
 
 
-def _follow_cause(
+def _fit_suspected_cause(
     robot: Robot, part: Measurements, triangles: _Triangles, suspect: Suspect, p_value: float
 ) -> Cause:
     """Fit a suspected cause together with the joints until convergence.
@@ -372,15 +383,17 @@ def _follow_cause(
         raise SolverError(
             f"{suspect.name} would be negative", where="causes", remedy="look for another cause"
         )
-    left = fitted.triangles.residual_squares()
+    squares = fitted.triangles.residual_squares()
+    # The onset of a cause that sets in later counts as one more unknown.
+    count = fitted.errors.determined + (suspect.first is not None)
     return Cause(
         suspect,
         unknowns,
         p_value,
         fitted.triangles.links_p_value(),
         fitted.compliance,
-        left / triangles.residual_squares(),
-        fitted.triangles.criterion(left, fitted.errors.determined + (suspect.first is not None)),
+        squares / triangles.residual_squares(),
+        fitted.triangles.criterion(squares, count),
     )
 
 
@@ -391,9 +404,9 @@ def _subtract_errors(
     pairs = list(zip(errors.terms, errors.unknowns, strict=True))
     # Errors of the load change the measurements' loads; the motion by all other errors is subtracted.
     for term, values in pairs:
-        if term.under is not None:
-            measurements = term.under(robot, measurements, values)
-    pairs = [(term, values) for term, values in pairs if term.under is None]
+        if term.change_loads is not None:
+            measurements = term.change_loads(robot, measurements, values)
+    pairs = [(term, values) for term, values in pairs if term.change_loads is None]
     if not pairs:
         return measurements
     targets, joints = [], []
@@ -414,18 +427,19 @@ def _list_suspects(
     measurements: Measurements,
     block: RegressorBlock,
     compliance: FloatArray,
-    before: Sequence[Term],
+    always_fitted: Sequence[Term],
     firsts: Sequence[str] | None = None,
 ) -> list[Suspect]:
     """Return the causes that may have moved the targets and are to be tested.
 
-    Each one has a lower limit of its p-value, so that a single wrong reading cannot make it significant.
+    Each suspect has a lower limit of its p-value, so that a single wrong reading cannot make the suspect
+    significant.
 
     Args:
         measurements: N observations.
         block: some of these observations.
         compliance: (n,) of the joints [rad/(N·m)].
-        before: terms that are fitted in any case; they are not suspected again.
+        always_fitted: terms that are fitted in any case; these terms are not suspected again.
         firsts: labels of observations that may be the onset of a cause; None to search for the onset.
     """
     part, labels, loads = block.measurements, measurements.labels, _group_distinct_loads(measurements)
@@ -442,10 +456,12 @@ def _list_suspects(
             for t in later.values()
             for first in known
         ]
-    else:
+    else:  # fit each term with each observation as the onset, to find the best onset
         terms = [*(each.term for each in suspects), FORCE_SCALE]
-        stack = Stack.from_blocks([block], [JOINTS, *before, *terms], compliance)
-        fits = _OnsetFits(stack, [term.name for term in terms], [term.name for term in (JOINTS, *before)])
+        stack = Stack.from_blocks([block], [JOINTS, *always_fitted, *terms], compliance)
+        fits = _OnsetFits(
+            stack, [term.name for term in terms], [term.name for term in (JOINTS, *always_fitted)]
+        )
         least = fits.p_values_without_best_observation(np.zeros(len(terms), np.intp))
         suspects = [replace(each, least_p=p) for each, p in zip(suspects, least.tolist(), strict=False)]
         if tried > 0:
@@ -456,7 +472,7 @@ def _list_suspects(
                 if each.name in later:
                     term, first = later[each.name], part.labels[onset]
                     suspects.append(Suspect(term.name, limit_to_later(term, labels, first), first, tried, p))
-    return [suspect for suspect in suspects if suspect.term.name not in {term.name for term in before}]
+    return [suspect for suspect in suspects if suspect.term.name not in {term.name for term in always_fitted}]
 
 
 def _group_distinct_loads(measurements: Measurements) -> list[list[str]]:
@@ -500,11 +516,12 @@ class _OnsetFits:
             rows, stack.read, {"known": q, "residual": 1, "terms": len(names) * k}
         ).trailing_gram_sums
         # Sums of Gram matrices from each observation to the last give the fits for all onsets at once.
-        own = (q + 1 + np.arange(len(names) * k)).reshape(len(names), k)
-        overlap = trailing[:, :q][:, :, own].transpose(2, 0, 1, 3)  # (S, N, q, k)
+        columns_of_term = (q + 1 + np.arange(len(names) * k)).reshape(len(names), k)
+        overlap = trailing[:, :q][:, :, columns_of_term].transpose(2, 0, 1, 3)  # (S, N, q, k)
         # Gram matrix of each term after the known terms have been projected out.
-        projected = trailing[:, own[:, :, None], own[:, None]].transpose(1, 0, 2, 3) - overlap.mT @ overlap
-        self._moment = trailing[:, own, q, None].transpose(1, 0, 2, 3)  # (S, N, k, 1)
+        grams = trailing[:, columns_of_term[:, :, None], columns_of_term[:, None]].transpose(1, 0, 2, 3)
+        projected = grams - overlap.mT @ overlap
+        self._moment = trailing[:, columns_of_term, q, None].transpose(1, 0, 2, 3)  # (S, N, k, 1)
         self._unknowns = np.linalg.solve(projected + INDEPENDENT * np.eye(k), self._moment)
         self._read, self._X = stack.read, X.reshape(len(names), *shape, k)
         self._known, self._left = basis.reshape(*shape, q), residual.reshape(*shape, 1)
@@ -516,9 +533,10 @@ class _OnsetFits:
         return np.asarray(_LEAST_PART + np.argmax(allowed, axis=1))
 
     def p_values_without_best_observation(self, first: IndexArray) -> FloatArray:
-        """Return p-values (S,) of the terms from onsets `first` (S,), leaving out one observation each.
+        """Return p-values (S,) of the terms from onsets `first` (S,), each without one observation.
 
-        The observation that the term explains most is left out, as it may be a single wrong reading.
+        For each term the observation that the term explains best is left out, as the observation may be a
+        single wrong reading.
         """
         count = len(self._read)
         motion = self._X @ self._unknowns[np.arange(len(first)), first][:, None]
@@ -548,7 +566,7 @@ class _Triangles:
         block: RegressorBlock,
         compliance: FloatArray,
         visible: BoolArray,
-        before: Sequence[Term],
+        always_fitted: Sequence[Term],
         terms: Sequence[Term],
         *,
         scattered: bool = False,
@@ -559,25 +577,25 @@ class _Triangles:
             block: the observations.
             compliance: (n,) of the joints [rad/(N·m)].
             visible: (n,) whether the readings see each joint; other joints are left out.
-            before: terms that are fitted with the joints in any case.
+            always_fitted: terms that are fitted with the joints in any case.
             terms: terms to be tested.
             scattered: whether the residuals show a scatter of the joints, which tests must account for.
         """
-        self.fitted = (JOINTS.name, *(term.name for term in before))
+        self.fitted = (JOINTS.name, *(term.name for term in always_fitted))
         self.compliance = compliance
         self._block, self._visible = block, visible
         self._scattered = scattered
-        self._terms = [JOINTS, *before, *terms, DIAGONAL_LINKS, DIAGONAL_BASE]
-        self.stated = self._compress_rows(whitened_rows)
+        self._terms = [JOINTS, *always_fitted, *terms, DIAGONAL_LINKS, DIAGONAL_BASE]
+        self.stated = self._compress_rows(build_whitened_rows)
 
     @cached_property
     def _equally_weighted(self) -> Triangle:
         """Triangle with equal weights of all readings."""
-        return self._compress_rows(rows_of)
+        return self._compress_rows(build_rows)
 
-    def _compress_rows(self, weigh: Callable[..., Rows]) -> Triangle:
-        """Return the triangle of all terms, with rows built by `weigh`."""
-        triangle = Stack.from_blocks([self._block], self._terms, self.compliance, weigh).triangle()
+    def _compress_rows(self, build: Callable[..., Rows]) -> Triangle:
+        """Return the triangle of all terms, with rows built by `build`."""
+        triangle = Stack.from_blocks([self._block], self._terms, self.compliance, build).triangle()
         triangle.span[JOINTS.name] = np.flatnonzero(self._visible)
         return triangle
 
@@ -659,10 +677,10 @@ class _Triangles:
         return max(self.stated.residual_squares(self.fitted), 1e-300)
 
     def criterion(self, squares: float, unknowns: int) -> float:
-        """Return the Bayesian information criterion.
+        """Return the Bayesian information criterion of a fit.
 
         Args:
-            squares: sum of squared residuals.
+            squares: sum of squared residuals of the fit.
             unknowns: number of unknowns in addition to the joints.
         """
         return self.stated.rows * float(np.log(squares)) + unknowns * float(np.log(self.stated.rows))
@@ -754,29 +772,30 @@ def _find_best_alternative(
     freedom = coordinates - robot.n
     if freedom < _LEAST_FREEDOM:
         return None, 1.0
-    # Noise alone gives a ratio of residual sums below `ratio` with probability `FALSE_ALARM` at most.
+    # Noise alone makes a ratio of residual sums fall below `ratio` with probability `FALSE_ALARM` at most.
     quantile = float(special.fdtri(robot.n, freedom, 1.0 - FALSE_ALARM / len(alternatives)))
     ratio = min(LARGEST_RATIO, 1.0 / (1.0 + robot.n * quantile / freedom))
     # Some of the observations select the alternatives to examine.
     preselection = part.select_evenly(
         math.ceil(_PRESELECTION_COORDINATES * robot.n * len(part) / coordinates)
     )
-    rows = _build_rows(robot, preselection, alternatives)
+    rows = _build_alternative_rows(robot, preselection, alternatives)
     as_given, given_compensation = _fit_nonnegative_compliances(rows[0])
     alternatives = [
         a for a, left in zip(alternatives, _bound_residual_sums(rows[1:]), strict=True) if left < as_given
     ]
     if not alternatives:
         return None, given_compensation
-    rows = _build_rows(robot, part, alternatives)
+    rows = _build_alternative_rows(robot, part, alternatives)
     as_given, given_compensation = _fit_nonnegative_compliances(rows[0])
     needed, best = as_given * ratio, None
+    # rows[0] are the data as given, rows[k] those of alternative k − 1.
     for k in (1 + np.flatnonzero(_bound_residual_sums(rows[1:]) < needed)).tolist():
-        left, compensation = _fit_nonnegative_compliances(rows[k])
-        if left < needed and compensation >= LEAST_COMPENSATION:
+        squares, compensation = _fit_nonnegative_compliances(rows[k])
+        if squares < needed and compensation >= LEAST_COMPENSATION:
             best, needed = (
-                BetterAlternative(alternatives[k - 1], left / as_given, compensation, given_compensation),
-                left,
+                BetterAlternative(alternatives[k - 1], squares / as_given, compensation, given_compensation),
+                squares,
             )
     # If every force has the wrong sign, nearly any alternative fits better than the data as given; then the
     # integrity checks report the sign, and no alternative is returned.
@@ -790,7 +809,7 @@ def _find_best_alternative(
 
 @lru_cache
 def _list_alternatives(kinds: tuple[JointKind, ...], targets: int) -> tuple[Alternative, ...]:
-    """Return the single mistakes to compare; only joints of the same kind are exchanged or coupled."""
+    """Return the possible mistakes, one change each; only joints of one kind are exchanged or coupled."""
     n, turning = len(kinds), [j for j, kind in enumerate(kinds) if kind == "revolute"]
     identity, no_offset = np.eye(n), np.zeros(n)
     mistakes: list[Alternative] = []
@@ -830,7 +849,9 @@ def _list_joint_maps(kinds: tuple[JointKind, ...]) -> tuple[Alternative, ...]:
     return tuple(maps)
 
 
-def _build_rows(robot: Robot, given: Measurements, alternatives: Sequence[Alternative]) -> FloatArray:
+def _build_alternative_rows(
+    robot: Robot, given: Measurements, alternatives: Sequence[Alternative]
+) -> FloatArray:
     """Return whitened rows (K + 1, R, n + 1) [A d]: of the measurements as given, then of K alternatives."""
     count, copies = len(given), len(alternatives) + 1
     matrices = np.array([np.eye(robot.n), *(each.matrix for each in alternatives)])
@@ -842,7 +863,7 @@ def _build_rows(robot: Robot, given: Measurements, alternatives: Sequence[Altern
     # Places (N, T, 3) of the targets in the flange frame [m].
     places = np.where(given.in_flange[..., None], given.position, targets_in_flange(robot, given))
     for k, t in enumerate((each.target for each in alternatives), 1):
-        if t is not None:
+        if t is not None:  # the alternative exchanges load point and target
             part = slice(k * count, (k + 1) * count)
             load_point[part] = places[:, t]
             position[part, t] = np.where(given.in_flange[:, t, None], given.load_point, given.position[:, t])

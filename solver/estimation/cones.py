@@ -1,6 +1,6 @@
 """Cones of parameters: scalars that are zero or positive, and positive semidefinite matrices as vectors.
 
-Symmetric matrices are vectors: the upper triangle column by column, off-diagonal entries times √2.
+The vector of a symmetric matrix has the upper triangle column by column, with off-diagonal entries times √2.
 """
 
 from __future__ import annotations
@@ -11,28 +11,34 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
-from jointstiff.solver.mechanics.springs import entries, weights
+from jointstiff.solver.mechanics.springs import triangle_indices, triangle_weights
 
 
 def find_diagonal_entries(size: int) -> IndexArray:
     """Return the indices (size,) of a matrix's diagonal entries in the vector of its upper triangle."""
-    rows, columns = entries(size)
+    rows, columns = triangle_indices(size)
     return np.flatnonzero(rows == columns)
 
 
 def to_matrix(vector: FloatArray, size: int) -> FloatArray:
-    """Return the symmetric matrices (..., size, size) that vectors (..., size (size + 1) / 2) represent."""
-    rows, columns = entries(size)
+    """Return the symmetric matrices (..., size, size) of vectors (..., size (size + 1) / 2).
+
+    A vector has the upper triangle column by column, with off-diagonal entries times √2.
+    """
+    rows, columns = triangle_indices(size)
     out = np.empty((*vector.shape[:-1], size, size))
-    out[..., rows, columns] = out[..., columns, rows] = vector / weights(size)
+    out[..., rows, columns] = out[..., columns, rows] = vector / triangle_weights(size)
     return out
 
 
 def to_vector(matrix: FloatArray) -> FloatArray:
-    """Return the vectors (..., size (size + 1) / 2) that represent symmetric matrices (..., size, size)."""
+    """Return symmetric matrices (..., size, size) as vectors (..., size (size + 1) / 2).
+
+    A vector has the upper triangle column by column, with off-diagonal entries times √2.
+    """
     size = matrix.shape[-1]
-    rows, columns = entries(size)
-    return np.asarray(matrix[..., rows, columns] * weights(size))
+    rows, columns = triangle_indices(size)
+    return np.asarray(matrix[..., rows, columns] * triangle_weights(size))
 
 
 def lift_diagonal(vector: FloatArray, size: int) -> FloatArray:
@@ -58,8 +64,8 @@ class Cone:
     """Layout of a vector of parameters: first scalars ≥ 0, then blocks, positive semidefinite matrices."""
 
     nonnegative: int  #: number of scalars, which come first and are zero or positive
-    sizes: tuple[int, ...] = ()  #: number of rows of each block; blocks are stored as vectors, see above
-    penalised: int = 0  #: number of scalars, the last ones, that are penalised like the blocks' traces
+    sizes: tuple[int, ...] = ()  #: number of rows of each block; blocks are stored as vectors (`to_vector`)
+    penalised: int = 0  #: number of scalars at the end that are penalised, like the traces of the blocks
 
     @property
     def dimension(self) -> int:
@@ -95,8 +101,8 @@ class Cone:
         out = np.maximum(x, 0.0)
         for size, place in self.blocks():
             eigenvalues, vectors = np.linalg.eigh(to_matrix(x[place], size))
-            kept = np.maximum(eigenvalues, 0.0)
-            out[place] = lift_diagonal(to_vector((vectors * kept) @ vectors.T), size)
+            clipped = np.maximum(eigenvalues, 0.0)
+            out[place] = lift_diagonal(to_vector((vectors * clipped) @ vectors.T), size)
         return out
 
     def penalty(self, weight: float) -> FloatArray:

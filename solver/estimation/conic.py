@@ -1,4 +1,4 @@
-"""Programs over cones: Clarabel proposes a point, and a certificate from the data decides.
+"""Programs over cones: Clarabel proposes a point, and a certificate computed from the data accepts the point.
 
 Semidefinite programs with a penalty on traces (method.md §7), of two losses:
 
@@ -37,7 +37,9 @@ GAP: Final = 1e-8
 _CONE_LADDER: Final = (1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 """Tolerances of Clarabel, tried in this order: not every problem can be solved to the tightest."""
 _NORMS_TOLERANCES: Final = (1e-7, 1e-8, 1e-9, 1e-10)
-_WEIGHED_TOLERANCES: Final = (1e-10, 1e-9, 1e-8)
+"""Tolerances of Clarabel for robust losses, tried in this order."""
+_MASS_TOLERANCES: Final = (1e-10, 1e-9, 1e-8)
+"""Tolerances of Clarabel for cones of masses and moments, tried in this order."""
 _END_LADDER: Final = (1e-8, 1e-7, 1e-6)
 """Tolerances of Clarabel for ends of intervals; an end needs no more digits than the last tolerance gives."""
 _NEAR_LEAST_SQUARES: Final = 1e-6
@@ -112,11 +114,11 @@ class SemidefiniteProgram:
         to the much larger readings.
 
         Args:
-            tolerance: of Clarabel.
+            tolerance: tolerance of Clarabel.
             unit: size of the residual, relative to the readings.
 
         Returns:
-            (p,) a point near the optimum; None if Clarabel fails.
+            A point (p,) near the optimum; None if Clarabel fails.
         """
         from jointstiff.solver.estimation import convex  # takes a second to import
 
@@ -182,9 +184,9 @@ def solve_cone(program: SemidefiniteProgram, *, gap: float, accepted: float | No
         At each tolerance the program is stated in units of the readings, and then of the residual.
         """
         T, z = program.fit.compressed
-        left = max(float(np.linalg.norm(z - T @ program.fit.near)), _LEAST_UNIT)
+        residual_size = max(float(np.linalg.norm(z - T @ program.fit.near)), _LEAST_UNIT)
         for tolerance in _CONE_LADDER:
-            for unit in (1.0, left):
+            for unit in (1.0, residual_size):
                 proposed = program.find_interior_point(tolerance, unit)
                 for _ in range(1 + _NEWTON_STEPS):
                     if proposed is None:
@@ -223,10 +225,11 @@ def solve_robust(program: RobustProgram, *, gap: float, accepted: float | None =
 
 
 def _select_certified(proposals: Iterable[_Proven], gap: float, accepted: float | None) -> _Proven:
-    """Return the first feasible proposal with a gap of at most `gap`, else the one with the least gap.
+    """Return the first feasible proposal with a gap of at most `gap`, else that with the least gap.
 
     Raises:
-        SolverError: no feasible solution has a gap of at most `accepted`, or `gap` if None.
+        SolverError: no feasible proposal has a gap of at most `accepted`, or of at most `gap` if `accepted`
+            is None.
     """
     best: _Proven | None = None
     for solution in proposals:
@@ -247,24 +250,24 @@ def _select_certified(proposals: Iterable[_Proven], gap: float, accepted: float 
 def certify_cone(program: SemidefiniteProgram, x: FloatArray) -> Certificate:
     """Return the certificate of a point x (p,): its duality gap proves how near x is to the optimum.
 
-    For any ν with slack ``s = p + Rᵀν`` in the dual cone, ``−‖ν‖²/4 − νᵀz`` is below the optimum, and the
-    objective at x is above that by ``‖ν/2 − r‖² + sᵀx`` with r = R x − z: a sum of what is not negative.
-    Here ν = 2 r, made feasible.
+    For any ν with slack ``s = p + Rᵀν`` in the dual cone, ``−‖ν‖²/4 − νᵀz`` is a lower bound of the optimum.
+    The objective at x exceeds this bound by ``‖ν/2 − r‖² + sᵀx`` with r = R x − z, a sum of terms that are
+    not negative. Here ν = 2 r, changed so that the slack is in the dual cone.
     """
     fit = program.fit
     residual = fit.R @ x - fit.z
-    nu, outside, slack = _make_dual_feasible(program.cone, program.weight, fit.R, 2.0 * residual)
+    nu, violation, slack = _make_dual_feasible(program.cone, program.weight, fit.R, 2.0 * residual)
     excess = _compute_complementarity(slack, x, program.cone, _SLACK_ROUNDING)
     gap = float(np.sqrt(np.square(0.5 * nu - residual).sum() + excess))
-    return Certificate(max(0.0, -program.cone.least_value(x)), outside, gap, nu, "clarabel")
+    return Certificate(max(0.0, -program.cone.least_value(x)), violation, gap, nu, "clarabel")
 
 
 def certify_robust(program: RobustProgram, x: FloatArray, dual: FloatArray) -> Certificate:
     """Return the certificate of a point x: its duality gap proves how near x is to the optimum.
 
-    For any ν with ‖ν_i‖ ≤ 1 and the slack ``s = p + Aᵀν`` in the dual cone, ``−Σ (ν_iᵀd_i + h‖ν_i‖²/2)`` is
-    below the optimum. The objective at x is above that by ``Σ [ρ(r_i) + h‖ν_i‖²/2 − ν_iᵀr_i] + sᵀx`` with
-    r = A x − d (Fenchel and Young), a sum of what is not negative, so that nothing cancels.
+    For any ν with ‖ν_i‖ ≤ 1 and the slack ``s = p + Aᵀν`` in the dual cone, ``−Σ (ν_iᵀd_i + h‖ν_i‖²/2)`` is a
+    lower bound of the optimum. The objective at x exceeds this bound by
+    ``Σ [ρ(r_i) + h‖ν_i‖²/2 − ν_iᵀr_i] + sᵀx`` with r = A x − d, a sum of terms that are not negative.
 
     Args:
         program: program with a robust loss.
@@ -273,18 +276,18 @@ def certify_robust(program: RobustProgram, x: FloatArray, dual: FloatArray) -> C
     """
     loss, h = program.loss, program.threshold
     rows = loss.A.reshape(-1, len(x))
-    nu, outside, slack = _make_dual_feasible(loss.cone, program.weight, rows, dual)
+    nu, violation, slack = _make_dual_feasible(loss.cone, program.weight, rows, dual)
     # ρ(r) + h‖ν‖²/2 − νᵀr as squares and products that are not negative
     r = loss.A @ x - loss.d
     u = np.linalg.norm(r, axis=1)
     beyond = u > h
     direction = r / np.where(beyond, u, 1.0)[:, None]
-    along = np.maximum(0.0, 1.0 - (nu * direction).sum(axis=1))
-    outer = 0.5 * h * np.square(nu - direction).sum(axis=1) + (u - h) * along
+    misalignment = np.maximum(0.0, 1.0 - (nu * direction).sum(axis=1))
+    outer = 0.5 * h * np.square(nu - direction).sum(axis=1) + (u - h) * misalignment
     inner = np.square(r - h * nu).sum(axis=1) / (2.0 * h) if h > 0.0 else np.zeros(len(r))
     excess = _compute_complementarity(slack, x, loss.cone, _NORMS_SLACK_ROUNDING)
     gap = float(np.where(beyond, outer, inner).sum() + excess)
-    return Certificate(max(0.0, -loss.cone.least_value(x)), outside, gap, nu, "clarabel")
+    return Certificate(max(0.0, -loss.cone.least_value(x)), violation, gap, nu, "clarabel")
 
 
 def _make_dual_feasible(
@@ -292,8 +295,8 @@ def _make_dual_feasible(
 ) -> tuple[FloatArray, float, FloatArray]:
     """Change multipliers ν of the residuals so that the slack ``s = p + Aᵀν`` is in the dual cone.
 
-    A least-squares step makes the slacks of scalars without a penalty feasible; shrinking ν by
-    ``λ / (λ + outside)`` makes the slacks of blocks and penalised scalars feasible.
+    A least-squares step makes the slacks of scalars without a penalty feasible. Multiplying ν by
+    ``λ / (λ + violation)`` then makes the slacks of blocks and penalised scalars feasible.
 
     Args:
         cone: cone of the parameters.
@@ -307,17 +310,18 @@ def _make_dual_feasible(
     """
     penalty, changed = cone.penalty(weight), dual.ravel()
     free = rows[:, : cone.free].T
-    missing = np.maximum(-(free @ changed), 0.0)
-    if missing.any():
-        changed = changed + np.linalg.lstsq(free, missing, rcond=None)[0]
+    shortfall = np.maximum(-(free @ changed), 0.0)
+    if shortfall.any():
+        changed = changed + np.linalg.lstsq(free, shortfall, rcond=None)[0]
     pull = rows.T @ changed
     slack = pull + penalty
+    # Slacks that must not be negative: eigenvalues of the blocks, and penalised scalars.
     least = [float(np.linalg.eigvalsh(to_matrix(slack[place], size)).min()) for size, place in cone.blocks()]
-    outside = max(0.0, -min(least + slack[cone.free : cone.nonnegative].tolist(), default=0.0))
-    nu, shrink = changed.reshape(dual.shape), weight / (weight + outside)
+    violation = max(0.0, -min(least + slack[cone.free : cone.nonnegative].tolist(), default=0.0))
+    nu, shrink = changed.reshape(dual.shape), weight / (weight + violation)
     if nu.ndim > 1:
         shrink = min(shrink, 1.0 / max(float(np.linalg.norm(nu, axis=1).max(initial=0.0)), 1.0))
-    return shrink * nu, outside / weight, penalty + shrink * pull
+    return shrink * nu, violation / weight, penalty + shrink * pull
 
 
 def _compute_complementarity(slack: FloatArray, x: FloatArray, cone: Cone, rounding: float) -> float:
@@ -337,7 +341,7 @@ def compute_penalised_range(
 ) -> FloatArray:
     """Return the ranges of linear functions over all points whose objective exceeds the optimum by a rise.
 
-    ``min, max aᵀy subject to ‖R y − z‖² + pᵀy ≤ ‖R x − z‖² + pᵀx + rise``, y in the cone.
+    Each range is ``min, max aᵀy subject to ‖R y − z‖² + pᵀy ≤ ‖R x − z‖² + pᵀx + rise``, y in the cone.
 
     Args:
         program: program with squared residuals.
@@ -375,16 +379,12 @@ def compute_unconstrained_range(squares: LeastSquares, functions: FloatArray, ra
     """
     left_vectors, singular, directions = np.linalg.svd(squares.R, full_matrices=False)
     determined = singular > _NULL_SINGULAR_VALUE * singular[0]
-    directions, inverse = (
-        directions[determined],
-        functions @ (directions[determined].T / singular[determined]),
-    )
-    middle, half = (
-        inverse @ (left_vectors[:, determined].T @ squares.z),
-        radius * np.linalg.norm(inverse, axis=1),
-    )
-    outside = np.linalg.norm(functions - functions @ directions.T @ directions, axis=1)
-    half[outside > _OUTSIDE_SPAN * np.linalg.norm(functions, axis=1)] = np.nan
+    directions = directions[determined]
+    inverse = functions @ (directions.T / singular[determined])
+    middle = inverse @ (left_vectors[:, determined].T @ squares.z)
+    half = radius * np.linalg.norm(inverse, axis=1)
+    undetermined = np.linalg.norm(functions - functions @ directions.T @ directions, axis=1)
+    half[undetermined > _OUTSIDE_SPAN * np.linalg.norm(functions, axis=1)] = np.nan
     return np.column_stack([middle - half, middle + half])
 
 
@@ -400,7 +400,10 @@ class _BlockFace:
 
     @cached_property
     def basis(self) -> FloatArray:
-        """Orthonormal tangent vectors (q, d) of the face: changes A within U, then changes B across to V."""
+        """Orthonormal tangent vectors (q, d) of the face: changes A within U, then changes B between U and V.
+
+        q is the number of entries of the block as a vector. For A and B see `Face`.
+        """
         U, V = self.U, self.V
         within = [
             (np.outer(U[:, i], U[:, j]) + np.outer(U[:, j], U[:, i])) / (2.0 if i == j else np.sqrt(2.0))
@@ -425,13 +428,13 @@ class _BlockFace:
 
 
 class Face:
-    """Face of a cone near the optimum: scalars and eigenvalues that exceed their slack are taken as not zero.
+    """Face of a cone near the optimum: scalars and eigenvalues that exceed their slack count as not zero.
 
     On a face the program is smooth. Matrices of rank r around ``X = U X_r Uᵀ`` are, to second order,
     ``X + U A Uᵀ + U B Vᵀ + V Bᵀ Uᵀ + V Bᵀ X_r⁻¹ B Vᵀ`` with any small symmetric A and any small B; the last
     term meets the slack ``V S_s Vᵀ`` and bends the objective by ``tr(S_s Bᵀ X_r⁻¹ B)`` (Shapiro,
-    *Perturbation analysis of optimization problems in Banach spaces*, 1992). That gives Newton's method,
-    which an interior point's answer is polished with, and the derivative of the fit by the readings.
+    *Perturbation analysis of optimization problems in Banach spaces*, 1992). The Hessian serves Newton's
+    method, which refines Clarabel's answer, and the derivative of the fit with respect to the readings.
     """
 
     x: FloatArray  #: (p,) point on the face
@@ -448,7 +451,7 @@ class Face:
         slack, cone = program.slack(x), program.cone
         self.free = free = np.flatnonzero(x[: cone.nonnegative] > slack[: cone.nonnegative])
         largest = max(_SMALL, float(np.abs(x[cone.nonnegative :]).max(initial=0.0)))
-        self.x, split = np.zeros(len(x)), []
+        self.x, decomposed = np.zeros(len(x)), []
         self.x[free] = x[free]
         for size, place in cone.blocks():
             X, S = to_matrix(x[place], size), to_matrix(slack[place], size)
@@ -457,13 +460,13 @@ class Face:
             rank = min(int(exceeds.sum()), int((values > _ROUNDING * largest).sum()))
             values, U, V = values[size - rank :], vectors[:, size - rank :], vectors[:, : size - rank]
             self.x[place] = to_vector((U * values) @ U.T)
-            split.append((place, U, V, values))
+            decomposed.append((place, U, V, values))
         self._slack = program.slack(self.x)
         faces = []
-        for place, U, V, values in split:
+        for place, U, V, values in decomposed:
             # At the optimum the slack is positive semidefinite: take the nearest such matrix.
-            own, vectors = np.linalg.eigh(V.T @ to_matrix(self._slack[place], len(U)) @ V)
-            definite = (vectors * np.maximum(own, 0.0)) @ vectors.T
+            eigenvalues, vectors = np.linalg.eigh(V.T @ to_matrix(self._slack[place], len(U)) @ V)
+            definite = (vectors * np.maximum(eigenvalues, 0.0)) @ vectors.T
             faces.append(_BlockFace(place, U, V, np.diag(values), definite))
         ends = np.cumsum([len(free), *(face.basis.shape[1] for face in faces)]).tolist()
         self.blocks = tuple(zip(faces, [slice(*each) for each in pairwise(ends)], strict=True))
@@ -475,7 +478,7 @@ class Face:
         self.information = 2.0 * R.T @ R
         self.hessian = self.information.copy()
         for face, coordinates in self.blocks:
-            if rank := len(face.core):  # curvature by the slack, in the coordinates of B
+            if rank := len(face.core):  # the slack adds curvature in the coordinates of B, the last ones
                 across = slice(coordinates.start + rank * (rank + 1) // 2, coordinates.stop)
                 self.hessian[across, across] += np.kron(np.linalg.inv(face.core), face.slack)
         self.hessian[np.diag_indices_from(self.hessian)] += _RIDGE * self.hessian.diagonal().max(initial=0.0)
@@ -511,8 +514,8 @@ def compute_effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> Fl
         x: (p,) optimum of the program.
 
     Returns:
-        (p,) the part of each scalar, and of each block at the block's first entry, zero elsewhere; the sum is
-        the effective number of parameters.
+        An array (p,) whose sum is the effective number: each scalar's part of the number, and each block's
+        part at the block's first entry; zero at the other entries.
     """
     face, freedom = Face(program, x), np.zeros(len(x))
     shares = np.diagonal(np.linalg.solve(face.hessian, face.information))
@@ -524,12 +527,15 @@ def compute_effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> Fl
 
 @dataclass(frozen=True, eq=False)
 class MassCones:
-    """Set of the products c π of a compliance c and unknown masses and moments π, one block for each joint.
+    """Set of the products c π of a joint's compliance c and unknown masses and moments π; a block a joint.
 
     Unknowns π in a box and in balls, each multiplied by its joint's own c ≥ 0, lie in a convex cone: the
     perspective of that set (Boyd & Vandenberghe 2004, §3.2.6). In units of the half-widths a block of x is
 
-        (c, ζ, ν)   with   0 ≤ c ≤ cap,   |ζ_k| ≤ c,   ‖ν_g‖ ≤ c + ratio_g ζ_own(g)
+        (c, ζ, ν)   with   0 ≤ c ≤ cap,   |ζ_k| ≤ c,   ‖ν_g‖ ≤ c + ratio_g ζ_k(g)
+
+    ζ_k is c times the deviation of a mass, or of a balancer's constant, from the middle of the bounds. ν_g
+    (3,) is c times mass times displacement of a centre of mass. The radius of ball g grows with mass k(g).
     """
 
     blocks: tuple[Block, ...]  #: one for each joint
@@ -544,8 +550,8 @@ class MassCones:
     def minimise_linear_function(self, s: FloatArray) -> float:
         """Return the least value of the linear function sᵀx over the set: zero or negative, in closed form.
 
-        For each block the least value is ``cap · min(0, s_c − h(s))``, h the support function of the block's
-        set at c = 1. So any residual gives a lower bound of an optimum, by arithmetic alone.
+        For each block the least value is ``cap · min(0, s_c − h(s))``, where s_c is the coefficient of c, and
+        h the greatest value of −sᵀ(ζ, ν) in the block's set at c = 1.
         """
         total = 0.0
         for start, block, cap in zip(self.first.tolist(), self.blocks, self.cap.tolist(), strict=True):
@@ -565,10 +571,10 @@ class MassCones:
             c = x[start] = min(max(x[start], 0.0), cap)
             box = slice(start + 1, start + 1 + block.boxes)
             x[box] = np.clip(x[box], -c, c)
-            for ball, (own, ratio) in enumerate(block.balls):
+            for ball, (k, ratio) in enumerate(block.balls):
                 part = slice(box.stop + 3 * ball, box.stop + 3 * ball + 3)
-                reach = c + (ratio * x[start + 1 + own] if own >= 0 else 0.0)
-                x[part] *= min(1.0, reach / max(float(np.linalg.norm(x[part])), 1e-300))
+                radius = c + (ratio * x[start + 1 + k] if k >= 0 else 0.0)
+                x[part] *= min(1.0, radius / max(float(np.linalg.norm(x[part])), 1e-300))
         return x
 
 
@@ -585,12 +591,12 @@ class MassConeSolution(ConeSolution):
 def solve_mass_cones(A: FloatArray, b: FloatArray, cones: MassCones) -> MassConeSolution:
     """Solve ``minimise ‖A x − b‖²`` over cones of masses and moments by Clarabel, and certify the optimum.
 
-    For any x and y: ``‖A y − b‖² ≥ ‖A x − b‖² + 2 gᵀ(y − x)`` with g = Aᵀ(A x − b), so that the excess is at
-    most ``2 (gᵀx − min gᵀy)``.
+    For any x and y: ``‖A y − b‖² ≥ ‖A x − b‖² + 2 gᵀ(y − x)`` with g = Aᵀ(A x − b), so that the loss at x
+    exceeds the least loss by ``2 (gᵀx − min gᵀy)`` at most, with the minimum over all y of the set.
 
     Args:
         A: (rows, p) regressor.
-        b: (rows,) readings, not zero.
+        b: (rows,) readings.
         cones: set of x, in units in which x is about as large as ‖b‖.
 
     Raises:
@@ -598,21 +604,21 @@ def solve_mass_cones(A: FloatArray, b: FloatArray, cones: MassCones) -> MassCone
     """
     from jointstiff.solver.estimation import convex  # takes a second to import
 
-    size = float(np.linalg.norm(b)) or 1.0
+    size = float(np.linalg.norm(b)) or 1.0  # the program is stated for readings of unit norm
     program = convex.state_mass_cones(len(b), cones.blocks)
 
     def propose_solutions() -> Iterator[MassConeSolution]:
         """Yield points with their certificates, one for each tolerance that Clarabel reaches."""
-        for tolerance in _WEIGHED_TOLERANCES:
+        for tolerance in _MASS_TOLERANCES:
             point = program.solve({"A": A, "b": b / size, "cap": cones.cap / size}, tolerance)
             if point is not None:
                 x = cones.move_into_set(size * point)
                 residual = A @ x - b
                 gradient = A.T @ residual
-                outside = -2.0 * cones.minimise_linear_function(gradient) / size**2
-                gap = outside + 2.0 * float(gradient @ x) / size**2
-                evidence = Certificate(0.0, outside, gap, residual / size, "clarabel")
-                yield MassConeSolution(x, evidence, float(residual @ residual))
+                dual_infeasibility = -2.0 * cones.minimise_linear_function(gradient) / size**2
+                gap = dual_infeasibility + 2.0 * float(gradient @ x) / size**2
+                certificate = Certificate(0.0, dual_infeasibility, gap, residual / size, "clarabel")
+                yield MassConeSolution(x, certificate, float(residual @ residual))
 
     return _select_certified(propose_solutions(), GAP, None)
 
@@ -622,8 +628,8 @@ def bound_compliances(
 ) -> FloatArray:
     """Return bounds of each joint's compliance c over all x of the set with ``‖A x − b‖² ≤ loss + rise``.
 
-    For any u: ``aᵀy ≥ uᵀb − ‖u‖ + min (a − Aᵀu)ᵀy`` for all y with ‖A y − b‖ ≤ 1. A second round uses the
-    upper bounds of the first as caps, which sharpens the bounds.
+    For any u, all y with ‖A y − b‖ ≤ r satisfy ``aᵀy ≥ uᵀb − r ‖u‖ + min (a − Aᵀu)ᵀy``. A second round uses
+    the upper bounds of the first round as caps of the compliances, which sharpens the bounds.
 
     Args:
         A: (rows, p) regressor.
@@ -644,7 +650,7 @@ def bound_compliances(
     for j, side in np.ndindex(bounds.shape):
         a = np.zeros(len(optimum.x))
         a[cones.first[j]] = (1.0, -1.0)[side]
-        solution = program.solve_with_duals({"a": a, **data}, *_WEIGHED_TOLERANCES)
+        solution = program.solve_with_duals({"a": a, **data}, *_MASS_TOLERANCES)
         if solution is not None:
             duals[j, side] = a, solution[1][1 : 1 + len(b)]
     cap = cones.cap

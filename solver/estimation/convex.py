@@ -41,7 +41,8 @@ from jointstiff.solver.estimation.cones import Block, Cone, to_matrix
 from jointstiff.solver.estimation.problem import IdentificationProblem, Scaled
 
 TOLERANCE: Final = 1e-10
-"""Clarabel's default absolute gap of 1e-8 bounds the residual only by its square root."""
+"""Tolerance of Clarabel for least squares: the default, an absolute gap of 1e-8, bounds the residual only by
+the root of the gap, 1e-4."""
 
 _DESIGN_TOLERANCES: Final = (1e-9, 1e-7)
 """Tolerances for designs, tried in this order."""
@@ -56,14 +57,14 @@ SETTINGS: Final[Mapping[str, Any]] = {
 }
 
 COMPILING: Final = threading.RLock()
-"""Held while a program is stated and compiled: cvxpy numbers its variables by a counter of the process."""
+"""Lock that a thread acquires to state and compile a program, as threads share cvxpy's variable counter."""
 
 
 class Program:
     """A program that cvxpy has compiled: cone data ``minimise ½ vᵀP v + qᵀv, A v + s = b, s in a cone``.
 
-    P is constant, and q, A and b are affine in the parameters; cvxpy says how (its `ParamConeProg`). Solving
-    changes nothing in the program, so that threads may share it.
+    P is constant, and q, A and b are affine in the parameters, as cvxpy's `ParamConeProg` describes. Solving
+    changes nothing in the program, so that threads may share a program.
     """
 
     def __init__(self, objective: cp.Minimize, constraints: Sequence[cp.Constraint], x: cp.Variable) -> None:
@@ -81,7 +82,8 @@ class Program:
         compiled = data[cp.settings.PARAM_PROB]
         self._P, self._q, self._A, self._b = (data.get(name) for name in ("P", "c", "A", "b"))
         self._P = csc_array((len(self._q),) * 2) if self._P is None else triu(self._P, format="csc")
-        self._dims = data["dims"]  # not the cones: Clarabel's do not pickle
+        self._dims = data["dims"]  # cones are built from it in `solve`, as Clarabel's cannot be pickled
+        # Second-order cones come after the equations and the inequalities.
         first = int(data["dims"].zero) + int(data["dims"].nonneg)
         self._norms = slice(first, first + int(sum(data["dims"].soc)))
         self._columns = {each.name(): compiled.param_id_to_col[each.id] for each in problem.parameters()}
@@ -93,7 +95,7 @@ class Program:
         self._x = slice(start, start + x.size)
 
     def solve(self, data: Mapping[str, FloatArray], *tolerances: float) -> FloatArray | None:
-        """Return the optimum of x by Clarabel, trying tolerances in turn; None if Clarabel reaches none."""
+        """Return Clarabel's optimum of x for the first of the tolerances that is reached; None if none is."""
         answer = self.solve_with_duals(data, *tolerances)
         return None if answer is None else answer[0]
 
@@ -134,7 +136,7 @@ class Program:
         values[-1] = 1.0  # the constant part
         for name, column in self._columns.items():
             values[column : column + data[name].size] = data[name].ravel(order="F")
-        entries, last = to_Ab @ values, indptr[-2]  # column by column, those of b last
+        entries, last = to_Ab @ values, indptr[-2]  # entries of A, column by column, then those of b
         A = csc_array((-entries[:last], indices[:last], indptr[:-1]), shape=(m, columns - 1))
         b = np.zeros(m)
         b[indices[last:]] = entries[last:]
@@ -264,10 +266,11 @@ def state_penalised_end(T: FloatArray, z: FloatArray, p: FloatArray, limit: floa
     """
     with COMPILING:
         x, a = cp.Variable(T.shape[1]), cp.Parameter(T.shape[1], name="a")
-        left = 1.0 - (p / limit) @ x  # ‖u‖² ≤ v as ‖(2u, 1 − v)‖ ≤ 1 + v
-        norm = cp.hstack([(2.0 / np.sqrt(limit)) * (T @ x - z), cp.reshape(1.0 - left, (1,), order="C")])
-        near = cp.SOC(1.0 + left, norm)
-        return Program(cp.Minimize(a @ x), [near, *_state_cone(x, cone)], x)
+        # ‖u‖² ≤ v is equivalent to ‖(2u, 1 − v)‖ ≤ 1 + v; here u = (T x − z)/√J, and v = 1 − pᵀx/J.
+        v = 1.0 - (p / limit) @ x
+        norm = cp.hstack([(2.0 / np.sqrt(limit)) * (T @ x - z), cp.reshape(1.0 - v, (1,), order="C")])
+        ball = cp.SOC(1.0 + v, norm)
+        return Program(cp.Minimize(a @ x), [ball, *_state_cone(x, cone)], x)
 
 
 @lru_cache(maxsize=32)
@@ -312,9 +315,11 @@ def state_mass_cone_end(rows: int, blocks: tuple[Block, ...]) -> Program:
 
 
 def _state_block_cones(x: cp.Expression, blocks: tuple[Block, ...]) -> list[cp.Constraint]:
-    """Return the constraints of all blocks: ``0 ≤ c ≤ cap, |ζ_k| ≤ c, ‖ν‖ ≤ c + ratio ζ_own``.
+    """Return the constraints of all blocks: ``0 ≤ c ≤ cap, |ζ_k| ≤ c, ‖ν‖ ≤ c + ratio ζ_k``.
 
-    x holds (c, ζ, ν) of one block after the other; `cap`, with one entry for each block, is a parameter.
+    x has (c, ζ, ν) of one block after the other: the compliance c of a joint, then ζ and ν, c times unknown
+    masses and moments. `Block.balls` has k and ratio for the limit of each ν (3,); ``k = −1`` means the limit
+    c. `cap`, with one entry for each block, is a parameter.
     """
     cap = cp.Parameter(len(blocks), name="cap")
     constraints, start = [], 0
@@ -323,16 +328,19 @@ def _state_block_cones(x: cp.Expression, blocks: tuple[Block, ...]) -> list[cp.C
         constraints += [c >= 0, c <= cap[number]]
         if block.boxes:
             constraints += [zeta <= c, -zeta <= c]
-        first = start + 1 + block.boxes
-        for ball, (box, ratio) in enumerate(block.balls):
-            reach = c + ratio * zeta[box] if box >= 0 else c
-            constraints.append(cp.SOC(reach, x[first + 3 * ball : first + 3 * ball + 3]))
+        first_nu = start + 1 + block.boxes
+        for ball, (k, ratio) in enumerate(block.balls):
+            radius = c + ratio * zeta[k] if k >= 0 else c
+            constraints.append(cp.SOC(radius, x[first_nu + 3 * ball : first_nu + 3 * ball + 3]))
         start += block.size
     return constraints
 
 
 def _state_cone(x: cp.Expression, cone: Cone) -> list[cp.Constraint]:
-    """Return the constraints of a cone: x_j ≥ 0 for the scalars, and Mat(x_b) ⪰ 0 for the blocks."""
+    """Return the constraints of a cone: x_j ≥ 0 for the scalars, and Mat(x_b) ⪰ 0 for the blocks.
+
+    Mat(x_b) is the symmetric matrix that the entries of block b represent, see `cones.to_matrix`.
+    """
     constraints = [x[: cone.nonnegative] >= 0] if cone.nonnegative else []
     for size, place in cone.blocks():
         entries = place.stop - place.start
@@ -347,9 +355,9 @@ _Places = tuple[int, ...]
 
 
 def _find_shape(scaled: Scaled) -> tuple[int, int, _Places, _Places, int]:
-    """Return the shape of a problem, which decides the program that is compiled for it.
+    """Return the shape of a problem; problems of one shape share a compiled program.
 
-    Returns the numbers of rows and of variables, the indices of the variables with a lower bound and of those
+    The shape has the numbers of rows and of variables, the indices of the variables with a lower bound, those
     with an upper bound, and the number of inequalities.
     """
     bounds = scaled.bounds
@@ -386,8 +394,9 @@ def solve_e_optimal_design(
 ) -> tuple[FloatArray, FloatArray]:
     """Solve ``maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0``, the E-optimal design.
 
-    Here t is the least eigenvalue of V C V, with C the information on the first s parameters. The optimal
-    design determines the worst determined combination of these parameters as well as possible.
+    M(w) = M0 + Σ w_i K_i is the information with weights w_i of the candidates. The optimal t is the least
+    eigenvalue of V C V, with C the information on the first s parameters: the design gives as much
+    information as possible on the combination of these parameters that is determined worst.
 
     Args:
         base: M0 (p, p) information before any candidate is measured.

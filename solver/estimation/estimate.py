@@ -68,7 +68,8 @@ _NO_DIRECTION = 1e-13
 _AT_BOUND = 1e-9
 """Distance from a joint to its own bound, in units of the ball's radius, that counts as zero."""
 _NO_MOVEMENT = 1e-13
-"""Movement of a joint on a face, relative to the movement without constraints, that is rounding."""
+"""Movement of joints at active constraints, as a fraction of the movement without constraints: a smaller
+movement counts as rounding error."""
 _VIOLATION = 1e-9
 """Tolerance of an inequality, in units of the ball's radius."""
 _NOT_CERTIFIED = "an end of a confidence interval could not be certified"
@@ -86,18 +87,18 @@ def compute_interval_ends(
     """Compute confidence intervals of linear functions aᵀc: profile-likelihood intervals, widened.
 
     A profile interval uses the constraints on the other joints as information; where joints truly are at
-    their bounds it covers too little (86 % instead of 95 % with two rigid joints). So it is widened to
-    contain the unconstrained interval cut at the constraints, whose coverage is exact. It is also widened to
-    contain the estimate, which can lie outside for a method that is not maximum likelihood.
+    their bounds, it contains the true value too seldom (86 % instead of 95 % with two rigid joints). So the
+    interval is widened to contain the unconstrained interval clipped to the constraints, whose coverage is
+    exact, and the estimate, which can lie outside for a method that is not maximum likelihood.
 
     Args:
-        likelihood: of p compliances.
-        constraints: on the same p compliances.
+        likelihood: likelihood of p compliances.
+        constraints: constraints on these p compliances.
         rows: (w, p) functions a, none zero; each determined by the readings.
-        radii: (q,) √Δ for each kind of interval: half its width in standard uncertainties, times sigma.
+        radii: (q,) √Δ for each kind of interval: half the width in standard uncertainties, times sigma.
         value: (w,) estimates of the functions, in the unit of aᵀc.
-        by_profile: whether to include the profile interval; the unconstrained interval cut at the constraints
-            has enough coverage alone.
+        by_profile: whether to include the profile interval; the coverage of the unconstrained interval,
+            clipped to the constraints, suffices without the profile interval.
 
     Returns:
         (q, w, 2) lower and upper ends, in the unit of aᵀc.
@@ -123,10 +124,10 @@ def compute_profile_ends(
     An end is the least or greatest aᵀc within the constraints and ``‖R (c − ĉ)‖² ≤ min + Δ``.
 
     Args:
-        likelihood: of p compliances.
-        constraints: on the same p compliances.
+        likelihood: likelihood of p compliances, with rows R and centre ĉ.
+        constraints: constraints on these p compliances.
         rows: (w, p) functions a, none zero; each determined by the readings.
-        radii: (q,) √Δ for each kind of interval: half its width in standard uncertainties, times sigma.
+        radii: (q,) √Δ for each kind of interval: half the width in standard uncertainties, times sigma.
 
     Returns:
         (q, w, 2) lower and upper ends, in the unit of aᵀc.
@@ -134,25 +135,25 @@ def compute_profile_ends(
     Raises:
         SolverError: if an end could not be certified.
     """
-    move = np.zeros(len(likelihood.centre))  # from ĉ to the constrained optimum, argmin ‖R (c − ĉ)‖²
+    shift = np.zeros(len(likelihood.centre))  # from ĉ to the constrained optimum, argmin ‖R (c − ĉ)‖²
     if not constraints.are_satisfied_by(likelihood.centre):
         ball = _Ball(likelihood, constraints, float(radii.max()))
-        move = ball.find_optimum(np.zeros(len(ball.A)))[0] * ball.unit
-    distance = likelihood.rows @ move
+        shift = ball.find_optimum(np.zeros(len(ball.A)))[0] * ball.unit
+    distance = likelihood.rows @ shift
     radius = np.sqrt(radii**2 + distance @ distance)
-    signed = radius[:, None, None] * np.array([-1.0, 1.0])
+    signed = radius[:, None, None] * np.array([-1.0, 1.0])  # (q, 1, 2) towards lower and upper ends
     covariance = rows @ likelihood.covariance  # (w, p)
     deviation = np.sqrt((covariance * rows).sum(axis=1))
     ends: FloatArray = (rows @ likelihood.centre)[:, None] + signed * deviation[:, None]
     reach = signed[..., None] * (covariance / deviation[:, None])[:, None]  # (q, w, 2, p)
-    # Ends of the free ball that violate a constraint are replaced by those on the constrained part.
+    # Ends of the unconstrained ball that violate a constraint are replaced by ends on the constrained part.
     violated = ~constraints.are_satisfied_by(likelihood.centre + reach)
-    point = radii <= _POINT * radii.max()
-    nearest = np.clip(likelihood.centre + move, constraints.bounds.lower, constraints.bounds.upper)
-    ends[point], violated[point] = (rows @ nearest)[:, None], False
+    is_point = radii <= _POINT * radii.max()  # such a ball contains only the constrained optimum
+    nearest = np.clip(likelihood.centre + shift, constraints.bounds.lower, constraints.bounds.upper)
+    ends[is_point], violated[is_point] = (rows @ nearest)[:, None], False
     if violated.any():
-        kind, which, side = np.nonzero(violated)
-        ball, a = _Ball(likelihood, constraints, float(radius.max())), rows[which]
+        kind, function, side = np.nonzero(violated)
+        ball, a = _Ball(likelihood, constraints, float(radius.max())), rows[function]
         objective = np.where(side == 1, -1.0, 1.0)[:, None] * a * ball.unit
         objective /= np.linalg.norm(objective, axis=1, keepdims=True)
         x, at_bound = ball.find_ends(objective, (radius[kind] / radius.max()) ** 2)
@@ -207,7 +208,8 @@ class _Ball:
         if self.inequalities is not None and solution.tight is not None:
             tight = self.inequalities.matrix[solution.tight]
             slack = self.inequalities.matrix @ solution.compliance - self.inequalities.least
-            if (slack < -_VIOLATION).any():  # s is so large that the solver takes it for rounding
+            # With a very large right-hand side the solver takes a true violation for rounding.
+            if (slack < -_VIOLATION).any():
                 raise SolverError(_NOT_CERTIFIED)
         return solution.compliance, solution.active != 0, tight
 
@@ -222,8 +224,8 @@ class _Ball:
             radius2: (K,) squared radii of the balls ‖A x‖² ≤ radius2.
 
         Returns:
-            The points (K, p), and whether (K,) the objective has its least value within the bounds already
-            inside the ball.
+            The points (K, p), and a mask (K,) of objectives that reach their least value within the bounds
+            inside the ball, so that the sphere is not reached.
 
         Raises:
             SolverError: a point could not be certified, or was not found in `MOST_ROUNDS` rounds.
@@ -249,7 +251,8 @@ class _Ball:
             points[pending[settled]], at_bound[pending[settled]] = x[settled], inside[settled]
             least = low[pending] = np.where(reached < goal, s[pending], low[pending])
             most = high[pending] = np.where(reached > goal, s[pending], high[pending])
-            # Newton's step on the face, ‖A x(s)‖² = on_face + s² slope; the middle where that leads astray
+            # Newton's step while the active constraints stay active: ‖A x(s)‖² = on_face + s² slope. Where
+            # the step leaves the interval between `least` and `most`, bisection takes over.
             on_face = np.square((x + s[pending, None] * step) @ self.A.T).sum(axis=1)
             with np.errstate(all="ignore"):
                 newton = np.sqrt((goal - on_face) / slope)
@@ -271,29 +274,29 @@ class _Ball:
             pull: (K, m) vectors h.
 
         Returns:
-            The optima x (K, p), and −dx/ds (K, p) with the active constraints kept.
+            The optima x (K, p), and the derivatives −dx/ds (K, p) while the active constraints stay active.
         """
         x, step = np.zeros(objective.shape), np.zeros(objective.shape)
-        pending = np.ones(len(s), dtype=np.bool_)
+        pending = np.ones(len(s), dtype=np.bool_)  # objectives that are still to be solved one by one
         if self.inequalities is None:
             gram = np.broadcast_to(self.gram, (len(s), *self.gram.shape))
             batch = solve_batch(gram, -s[:, None] * objective, self.bounds)
             pending = ~batch.certified
             settled, free = batch.certified, batch.active[batch.certified] == 0
             x[settled] = batch.compliance[settled]
-            # C a on the free variables, C being the inverse of their part of the Gram matrix
+            # −dx/ds solves the Gram matrix of the free variables for the objective; fixed variables rest.
             matrices = np.where(free[:, :, None] & free[:, None, :], self.gram, np.eye(len(self.gram)))
             slopes = np.where(free, objective[settled], 0.0)[..., None]
             step[settled] = np.linalg.solve(matrices, slopes)[..., 0]
         for k in np.flatnonzero(pending):
             x[k], at_bound, tight = self.find_optimum(-s[k] * pull[k])
             rows = np.vstack([np.eye(len(at_bound))[at_bound], tight])
-            along = np.eye(len(at_bound))  # directions of the face; A may lack rank
+            along = np.eye(len(at_bound))  # directions in which no active constraint changes
             if len(rows):
                 _, singular, Vt = np.linalg.svd(rows, full_matrices=True)
                 along = Vt[int((singular > _NO_DIRECTION * singular[0]).sum()) :].T
             if along.shape[1]:
-                inverse = np.linalg.pinv(self.A @ along, rcond=_NO_DIRECTION)
+                inverse = np.linalg.pinv(self.A @ along, rcond=_NO_DIRECTION)  # A may lack rank
                 step[k] = along @ (inverse @ (inverse.T @ (along.T @ objective[k])))
         return x, step
 
@@ -332,7 +335,7 @@ class JointCompliance:
     compliance_interval: tuple[float, float] | None = None
     #: bounds of the compliance from below and above, each at the full confidence [rad/(N·m)]
     one_sided: tuple[float, float] | None = None
-    #: information of the joint's prior over that of the readings; inf where only the prior separates the
+    #: information of the joint's prior over the readings' information; inf where only the prior separates the
     #: joint from other joints, None without a prior
     prior_to_data: float | None = None
     reason: str | None = None  #: why there is no number, or which limit applies to the number
@@ -513,7 +516,8 @@ class Evidence:
         if sigma is not None and len(determined):
             tail = 1.0 - self.confidence
             # Two-sided intervals leave half of the tail on each side, one-sided bounds the whole tail.
-            radii = sigma * np.array([self.scale.quantile(1.0 - part * tail) for part in (0.5, 1.0)])
+            quantiles = [self.scale.quantile(1.0 - fraction * tail) for fraction in (0.5, 1.0)]
+            radii = sigma * np.array(quantiles)
             constraints = self.constraints.select(likelihood.joints)
             functions = np.eye(len(likelihood.joints))[np.searchsorted(likelihood.joints, determined)]
             value = self.fit.compliance[determined]
@@ -583,8 +587,8 @@ class Evidence:
     def describe_active_constraint(self, j: int, ends: FloatArray | None) -> str | None:
         """Return a sentence on the active constraint of joint j; None if no constraint is active.
 
-        An order makes compliances exactly equal, which noise never does. An order through a joint that the
-        readings do not see ties the joints before and after that joint.
+        Exactly equal compliances are tied by the order, as noise never makes compliances equal. An order
+        through a joint that the readings do not see ties the joints before and after that joint.
         """
         compliance, active = self.fit.compliance, int(self.fit.active[j])
         if active and compliance[j] == 0.0:
@@ -628,7 +632,7 @@ class Evidence:
 
 
 _LEAST_POSTURES: Final = 2
-"""Number of postures, beyond that of the joints, needed to separate model error from noise."""
+"""Number of postures, beyond the number of joints, needed to separate model error from noise."""
 _NO_UPPER_END = (
     "its stiffness has no upper limit if single postures are left out: something besides the joints bends"
 )
@@ -710,8 +714,8 @@ class UncertaintyBudget:
         common, given, readings = estimate.common, estimate.sigma_given, estimate.covariance
         if common is not None:
             readings = readings - common.responses @ common.responses.T
-        own_freedom = None if given else estimate.degrees_of_freedom
-        components = [BudgetComponent(readings, "readings", "B" if given else "A", True, own_freedom)]
+        freedom = None if given else estimate.degrees_of_freedom
+        components = [BudgetComponent(readings, "readings", "B" if given else "A", True, freedom)]
         if common is not None:
             components += [
                 BudgetComponent(
@@ -736,14 +740,14 @@ class UncertaintyBudget:
 
     def total(self, *, whole: bool = False) -> Spread:
         """Return the sum of the components that the standard uncertainty includes; of all if `whole`."""
-        parts = [part.covariance for part in self.components if part.included or whole]
-        return Spread(np.sum(parts, axis=0))
+        covariances = [part.covariance for part in self.components if part.included or whole]
+        return Spread(np.sum(covariances, axis=0))
 
     @property
     def spread(self) -> Spread:
         """Stack of uncertainties: the components, the sum of the included components, and the sum of all."""
-        parts = [*self.components, self.total(), self.total(whole=True)]
-        return Spread(np.stack([part.covariance for part in parts]))
+        rows = [*self.components, self.total(), self.total(whole=True)]
+        return Spread(np.stack([row.covariance for row in rows]))
 
     def widen_intervals(self, estimate: Estimate, bounds: Bounds) -> Estimate:
         """Return the estimate with intervals widened to contain compliance ± expanded uncertainty.
@@ -756,20 +760,21 @@ class UncertaintyBudget:
         uncertainty = self.total().uncertainty
         for j in self.joints.tolist():
             joint = joints[j]
-            interval, sides, value = joint.compliance_interval, joint.one_sided, joint.compliance
-            if interval is None or sides is None or value is None:
+            interval, one_sided, value = joint.compliance_interval, joint.one_sided, joint.compliance
+            if interval is None or one_sided is None or value is None:
                 continue
             half = self.coverage_factor * float(uncertainty[j])
             least, most = max(float(bounds.lower[j]), value - half), min(float(bounds.upper[j]), value + half)
             interval = min(interval[0], least), max(interval[1], most)
-            unsure = joint.status == "identified" and interval[0] <= 0.0
+            is_uncertain = joint.status == "identified" and interval[0] <= 0.0
             joints[j] = replace(
                 joint,
-                status="uncertain" if unsure else joint.status,
+                status="uncertain" if is_uncertain else joint.status,
                 standard_uncertainty=float(uncertainty[j]),
                 compliance_interval=interval,
-                one_sided=(min(sides[0], least), max(sides[1], most)),
-                reason="; ".join(filter(None, [joint.reason, _NO_UPPER_END if unsure else None])) or None,
+                one_sided=(min(one_sided[0], least), max(one_sided[1], most)),
+                reason="; ".join(filter(None, [joint.reason, _NO_UPPER_END if is_uncertain else None]))
+                or None,
             )
         return replace(estimate, joints=tuple(joints))
 
@@ -777,19 +782,19 @@ class UncertaintyBudget:
 def _estimate_model_error(
     left_out: PostureJackknife, readings: FloatArray, joints: IndexArray, *, included: bool
 ) -> list[BudgetComponent]:
-    """Return the component of the model error, as a list of one; an empty list for too few postures.
+    """Return the component of the model error as a list of one entry; an empty list for too few postures.
 
-    The model error is the dispersion over postures beyond the noise of the readings. The covariance of the
-    jackknife contains noise and model error. In units of the noise its eigenvalues are 1 on average for noise
-    alone, and at most ``(1 + √(p/P))²`` (Marchenko & Pastur, 1967); only larger eigenvalues count.
+    The covariance of the jackknife contains noise and model error. In units of the noise, the eigenvalues for
+    noise alone are 1 on average and at most ``(1 + √(p/P))²``, with p joints and P postures (Marchenko &
+    Pastur, 1967). Only larger eigenvalues count as model error, less the 1 that noise explains.
     """
     fits = left_out.compliance[:, joints]
     fits = fits[np.isfinite(fits).all(axis=1)]
     count, p = fits.shape
     if count < p + _LEAST_POSTURES:
         return []
-    around = fits - fits.mean(axis=0)
-    spread = (left_out.postures - 1.0) / count * around.T @ around
+    deviations = fits - fits.mean(axis=0)
+    spread = (left_out.postures - 1.0) / count * deviations.T @ deviations
     noise = readings[np.ix_(joints, joints)]
     if not (np.isfinite(spread).all() and np.isfinite(noise).all()):
         return []
@@ -868,7 +873,7 @@ def predict(
         measurements: N observations.
         compliance: (n,) [rad/(N·m)].
         balanced: (n,) compliances with which the load bends the robot before the columns are computed: the
-            deflections are then those of the exact balance, to third order. None neglects this bending.
+            predicted deflections then equal the exact balance to third order. None neglects this bending.
         estimated: (n,) joints with an estimate; all if None. Other joints have zero contributions.
 
     Returns:
@@ -877,17 +882,18 @@ def predict(
     Raises:
         SolverError: the load has no balance with joints of the given compliances.
     """
-    by_estimated = compliance if estimated is None else np.where(estimated, compliance, 0.0)
-    predicted, along, encoder_deflections = [], [], []
+    contributing = compliance if estimated is None else np.where(estimated, compliance, 0.0)
+    predicted, projected, encoder_deflections = [], [], []
     for block in regressor_blocks(robot, measurements, balanced):
         predicted.append(block.A @ compliance)
         encoder_deflections.append(block.torque * compliance)
-        by_joint = block.A * by_estimated
-        whole = by_joint.sum(axis=-1)
-        length = np.linalg.norm(whole, axis=-1)
-        direction = whole / np.where(length > 0.0, length, 1.0)[..., None]
-        along.append(np.einsum("btij,bti->btj", by_joint, direction))
-    parts, present = np.concatenate(along), measurements.present  # parts are zero where nothing was read
+        by_joint = block.A * contributing
+        deflection = by_joint.sum(axis=-1)
+        length = np.linalg.norm(deflection, axis=-1)
+        direction = deflection / np.where(length > 0.0, length, 1.0)[..., None]
+        projected.append(np.einsum("btij,bti->btj", by_joint, direction))
+    # Contributions (N, T, n) of the joints; zero for targets that were not read.
+    parts, present = np.concatenate(projected), measurements.present
     mean = parts.sum(axis=(0, 1)) / present.sum()
     total = float(mean.sum())
     contributions = Contributions(

@@ -39,7 +39,7 @@ from jointstiff.solver.estimation.observability import (
 from jointstiff.solver.estimation.problem import Constraints, IdentificationProblem, Scaled
 from jointstiff.solver.estimation.solution import Certificate, Solution, certify, solve, solve_step
 from jointstiff.solver.estimation.triangle import Triangle, compute_triangular_factor
-from jointstiff.solver.mechanics.block import RegressorBlock, whitened_rows
+from jointstiff.solver.mechanics.block import RegressorBlock, build_whitened_rows
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import JOINTS
 
@@ -55,9 +55,9 @@ _LEAST_FREEDOM = 0.5
 class Likelihood:
     """Gaussian likelihood L of p of the compliances c: ``−2 sigma² log L(c) = ‖R (c − ĉ)‖² + constant``.
 
-    An unconstrained estimate ĉ = H d is Gaussian with covariance sigma² C, C = H Σ Hᵀ, so RᵀR = C⁻¹ in the
-    directions that the readings determine. For weighting by covariance in one stage R is the compressed
-    regressor itself.
+    An unconstrained estimate ĉ = H d from deflections d of covariance sigma² Σ is Gaussian with covariance
+    sigma² C, C = H Σ Hᵀ, so RᵀR = C⁻¹ in the directions that the readings determine. For weighting by
+    covariance in one stage R is the compressed regressor.
     """
 
     joints: IndexArray  #: (p,) indices of the compliances, ascending
@@ -76,7 +76,7 @@ class Likelihood:
         return Likelihood(self.joints, self.centre, factor * self.covariance, rows)
 
     def add_common_errors(self, responses: FloatArray) -> Likelihood:
-        """Return the likelihood with a covariance S Sᵀ added to C: that of errors shared by all observations.
+        """Return the likelihood with S Sᵀ, the covariance of errors shared by all observations, added to C.
 
         ``RᵀR`` then becomes ``Rᵀ(I + (R S)(R S)ᵀ)⁻¹R``.
 
@@ -118,7 +118,7 @@ class Fit:
     undetermined: tuple[Combination, ...]
     identifiability: tuple[Identifiability, ...]  #: identifiability of each stage, by the readings alone
     certificates: tuple[Certificate, ...]  #: certificates of each stage
-    alone: Fit | None = None  #: the fit without the prior, where a prior was used
+    alone: Fit | None = None  #: the fit without the prior; None if no prior was used
 
     def multiply_covariance(self, factor: float) -> Fit:
         """Return the fit with the covariance of the estimate multiplied by a factor."""
@@ -126,7 +126,7 @@ class Fit:
         return replace(self, covariance=factor * self.covariance, likelihood=wider)
 
     def add_common_errors(self, responses: FloatArray) -> Fit:
-        """Return the fit with the covariance of errors that all observations share added to the estimate's.
+        """Return the fit with the covariance of errors that all observations share added to the covariance.
 
         Args:
             responses: (n, k) change of the estimate by one standard uncertainty of each of k errors, in units
@@ -148,7 +148,7 @@ class StageFit:
     """Solution of one stage of a method."""
 
     joints: IndexArray  #: (p,) joints of the stage's columns
-    spectrum: Spectrum  #: spectrum of the stage's rows, those of the prior included
+    spectrum: Spectrum  #: spectrum of the stage's rows, including the rows of a prior
     analysis: Identifiability  #: identifiability by the readings, without the prior
     undetermined: tuple[Combination, ...]  #: groups of joints that neither readings nor prior tell apart
     parameters: float  #: number of parameters that the readings determine
@@ -170,10 +170,10 @@ class StageFit:
 
         Args:
             R: (m, p) compressed rows of the stage's readings.
-            z: (m,) compressed deflections, less those by joints of an earlier stage.
+            z: (m,) compressed deflections, less the deflections by joints of an earlier stage.
             joints: (p,) joints of the columns.
-            constraints: on these p compliances.
-            prior: of all compliances, in units of sigma; its rows are added to those of the readings.
+            constraints: constraints on these p compliances.
+            prior: prior of all compliances, in units of sigma, added as further rows.
             find: function that solves a problem.
         """
         readings = spectrum = Spectrum(R)
@@ -183,6 +183,7 @@ class StageFit:
             rows, known = prior.rows(joints)
             spectrum = Spectrum(np.vstack([R, rows]))
             undetermined = analyse_spectrum(spectrum, joints).combinations
+            # Trace of the influence of the readings: what the prior determines does not count.
             parameters = float(np.sum(spectrum.inverse[:, : len(R)].T * R))
         solution = find(
             IdentificationProblem(
@@ -218,8 +219,8 @@ def fit_method(
 ) -> Fit:
     """Solve the stages of a method in turn, without the joints that have no effect on the readings.
 
-    A later stage takes the compliances of an earlier stage as known. So a stiffness order between a joint of
-    the arm and a joint of the wrist only bounds the wrist joint here.
+    A later stage takes the compliances of an earlier stage as known. So a stiffness order between an arm
+    joint and a wrist joint only bounds the wrist joint here, as the arm's stage comes first.
 
     Args:
         triangles: compressed rows of all observations.
@@ -235,7 +236,7 @@ def fit_method(
             unknown.
     """
     n, method = len(null), triangles.method
-    compliance, free = np.zeros(n), np.zeros(n)  # under the constraints, and without them
+    compliance, unconstrained = np.zeros(n), np.zeros(n)
     fits: dict[int, StageFit] = {}
     if len(method.stages) > 1:
         _refuse_unseen_from_centre(triangles, null)
@@ -255,12 +256,13 @@ def fit_method(
                 where="method",
                 remedy="use method partial_pose, or add postures and load directions",
             )
-        compliance[joints] = free[joints] = fitted.solution.compliance
+        compliance[joints] = unconstrained[joints] = fitted.solution.compliance
         constrained = fitted.solution.active.any() or fitted.tied.any()
-        if constrained or (free[known] != compliance[known]).any():
-            free[joints] = fitted.estimate_without_constraints(z - by_known @ free[known])
+        if constrained or (unconstrained[known] != compliance[known]).any():
+            remainder = z - by_known @ unconstrained[known]
+            unconstrained[joints] = fitted.estimate_without_constraints(remainder)
         fits[number] = fitted
-    return _combine_stages(triangles, fits, compliance, free)
+    return _combine_stages(triangles, fits, compliance, unconstrained)
 
 
 def _refuse_unseen_from_centre(triangles: MethodTriangles, null: BoolArray) -> None:
@@ -317,8 +319,9 @@ def _combine_stages(
 def _compute_covariance(triangles: MethodTriangles, fits: dict[int, StageFit]) -> FloatArray:
     """Return the exact covariance (n, n) of the unconstrained estimate, in units of sigma² (method.md §4).
 
-    An estimate ĉ = H d has the covariance H Σ Hᵀ. The wrist's estimate is ĉ_w = L (d − A_a ĉ_a), with ĉ_a the
-    arm's; its covariance is L Σ Lᵀ, less the correlation of the two stages, plus L A_a cov(ĉ_a) (L A_a)ᵀ.
+    An estimate ĉ = H d from deflections d has the covariance H Σ Hᵀ. The decoupled method has two estimates:
+    ĉ_a of the arm, and ĉ_w = L (d − A_a ĉ_a) of the wrist. The covariance of ĉ_w is L Σ Lᵀ, less the
+    correlation of the two stages, plus L A_a cov(ĉ_a) (L A_a)ᵀ.
     """
     n = len(triangles.cross)
     covariance = np.zeros((n, n))
@@ -372,8 +375,8 @@ def estimate_scale(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
     """Return sigma, the chi-square of the targets' residuals, and its degrees of freedom.
 
     For any linear unbiased ĉ of covariance C, ``E[χ²] = rows − 2 p + tr(AᵀΣ⁻¹A C)``, which is rows − p for
-    weighted least squares; so all methods get sigma from the same readings. With a prior, p is the number of
-    parameters that the readings, not the prior, determine.
+    weighted least squares, with p the number of parameters that the readings, not a prior, determine. So all
+    methods get sigma from the same readings.
 
     Args:
         fit: outcome of a method.
@@ -386,7 +389,7 @@ def estimate_scale(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
     freedom = readings.rows - 2 * fit.parameters + information
     freedom = 0.0 if freedom < _LEAST_FREEDOM else freedom
     if sigma is not None:
-        with np.errstate(all="ignore"):  # the caller refuses an overflow, with a remedy
+        with np.errstate(all="ignore"):  # `_build_estimate` refuses numbers that overflow, with a remedy
             chi_square = float(np.float64(squares) / np.float64(sigma) ** 2)
         return Scale(sigma, True, chi_square, freedom)
     if freedom < _LEAST_FREEDOM:
@@ -403,7 +406,7 @@ class SigmaTest:
 
 
 def sigma_test(chi_square: float, degrees_of_freedom: float) -> SigmaTest | None:
-    """Test a stated sigma against the residuals, two-sided; None without degrees of freedom."""
+    """Test a stated sigma against the residuals by a two-sided test; None without degrees of freedom."""
     if degrees_of_freedom < _LEAST_FREEDOM:
         return None
     tails = special.chdtr(degrees_of_freedom, chi_square), special.chdtrc(degrees_of_freedom, chi_square)
@@ -442,11 +445,11 @@ class TargetRows:
         self._rows: list[FloatArray] = []
         self._present: list[BoolArray] = []
         self.squared = Triangle(joints=parameters)
-        """Rows whose loss stays squared: those of the encoders."""
+        """Rows of the encoders, whose loss stays squared."""
 
     def add(self, block: RegressorBlock) -> None:
         """Add the whitened rows of a block of observations."""
-        rows = whitened_rows(block, [JOINTS], np.zeros(block.robot.n))
+        rows = build_whitened_rows(block, [JOINTS], np.zeros(block.robot.n))
         self._rows.append(rows.targets[block.measurements.present])
         self._present.append(block.measurements.present)
         if rows.encoders is not None:
@@ -465,8 +468,8 @@ class TargetRows:
     def chi_square(self, compliance: FloatArray, *, sigma: float, threshold: float) -> float:
         """Return the chi-square of an estimate, with each residual cut at the threshold to limit outliers.
 
-        ``Σ min(‖r‖/σ, k)² / b``, with ``3 b = E[min(t, k)²]`` and t the norm of three standard normal
-        coordinates, so that its expectation for good readings is that of the plain chi-square.
+        The targets add ``Σ min(‖r‖/σ, k)² / b``, with ``3 b = E[min(t, k)²]`` and t the norm of three
+        standard normal coordinates: with this b, good readings have the expectation of a plain chi-square.
 
         Args:
             compliance: (n,) the estimate [rad/(N·m)].
@@ -475,9 +478,9 @@ class TargetRows:
         """
         norm = np.linalg.norm(self.rows[..., -1] - self.rows[..., :-1] @ compliance, axis=1) / sigma
         half = 0.5 * threshold**2
-        share = special.gammainc(2.5, half) + threshold**2 / 3.0 * special.gammaincc(1.5, half)
+        b = special.gammainc(2.5, half) + threshold**2 / 3.0 * special.gammaincc(1.5, half)
         squared = (self.squared.matrix @ compliance - self.squared.rhs) / sigma
-        return float(np.sum(np.minimum(norm, threshold) ** 2) / share + squared @ squared)
+        return float(np.sum(np.minimum(norm, threshold) ** 2) / b + squared @ squared)
 
 
 @dataclass(frozen=True, eq=False)
@@ -504,15 +507,13 @@ class RobustFit:
 
     @property
     def inflation(self) -> float:
-        """Factor ≥ 1 on the covariance of weighted least squares that gives that of the Huber estimate.
+        """Factor ≥ 1 that turns the covariance of weighted least squares into that of the Huber estimate.
 
-        The factor accounts for the weights coming from the same readings.
-
-        Huber's asymptotic ``a / b²`` relative to ``1 / mean(w)`` (*Robust Statistics*, 1981, §7.6): a is the
-        mean of ``(w ‖r‖)²`` per coordinate, b the mean derivative of ``w r``. That derivative is 1 below the
-        threshold; beyond the threshold it is w across the residual's direction and 0 along the direction.
-        Below the threshold the expected ``‖r‖²`` is used, not the residual itself. The ratio is 1.0 for good
-        readings, and 1.26 where a tenth of the readings are wrong by 20 sigma.
+        The covariance is larger because the weights w are computed from the same readings. The factor is
+        Huber's asymptotic ``a / b²`` over ``1 / mean(w)`` (*Robust Statistics*, 1981, §7.6): a is the mean of
+        ``(w ‖r‖)²`` per coordinate, b the mean derivative of ``w r``. The derivative is 1 below the
+        threshold; beyond, the derivative is w across the residual's direction and 0 along the direction.
+        Below the threshold the expected ``‖r‖²`` is used. The factor is 1.0 for good readings.
         """
         half = 0.5 * self.threshold**2
         below = float(special.gammainc(2.5, half) / special.gammainc(1.5, half))  # E[χ²₃ | χ²₃ ≤ t²] / 3
@@ -523,7 +524,7 @@ class RobustFit:
         b = float(np.mean(np.where(w < 1.0, 2.0 * w / 3.0, 1.0)))
         return max(1.0, a * float(np.mean(w)) / b**2)
 
-    def weigh(self, measurements: Measurements) -> Measurements:
+    def reweight(self, measurements: Measurements) -> Measurements:
         """Return the same readings with weights w, so that least squares gives the Huber estimate."""
         return replace(measurements, weight=self.weight)
 
@@ -578,8 +579,8 @@ class _HuberProblem:
         residual, norm = self.residuals_at(c)
         weight = _huber_weights(norm)
         u = residual / np.maximum(norm, 1.0)[:, None]
-        along = np.where(norm > 1.0, 1.0 - np.sqrt(damping), 0.0)
-        curved = A - along[:, None, None] * u[..., None] * (u[:, None] @ A)
+        flattened = np.where(norm > 1.0, 1.0 - np.sqrt(damping), 0.0)  # curvature removed along u
+        curved = A - flattened[:, None, None] * u[..., None] * (u[:, None] @ A)
         weighted = (np.sqrt(weight)[:, None, None] * curved).reshape(-1, len(c))
         R = compute_triangular_factor(np.vstack([weighted, S]))
         gradient = S.T @ (S @ c - self.squared[:, -1])
@@ -591,7 +592,8 @@ class _HuberProblem:
     def certificate(self, c: FloatArray, solved_by: SupportFinder) -> Certificate:
         """Return the certificate of a point c (p,) as the Huber optimum.
 
-        The certificate is that of weighted least squares with the weights at c, which has the Huber optimum.
+        The Huber optimum is also the optimum of weighted least squares with the weights at that optimum, so
+        the certificate is computed for the weighted least-squares problem with the weights at c.
         """
         scaled = Scaled.from_problem(self.state_weighted(_huber_weights(self.residuals_at(c)[1])))
         return certify(scaled, c / scaled.unit, solved_by)
@@ -679,8 +681,9 @@ def _minimise_huber_loss(problem: _HuberProblem) -> tuple[FloatArray, Certificat
             continue
         compliance, objective = proposed, value
         damping = max(0.1 * damping, _LEAST_DAMPING)
-        same = clarabel_point is not None and np.array_equal(clarabel_point == 0.0, compliance == 0.0)
-        certificate = problem.certificate(compliance, "clarabel" if same else model_certificate.solved_by)
+        same_zeros = clarabel_point is not None and np.array_equal(clarabel_point == 0.0, compliance == 0.0)
+        solved_by = "clarabel" if same_zeros else model_certificate.solved_by
+        certificate = problem.certificate(compliance, solved_by)
         if certificate.is_optimal():
             return compliance, certificate
     raise SolverError(
@@ -710,8 +713,8 @@ def _estimate_robust_scale(problem: _HuberProblem, threshold: float) -> float:
     least = _LEAST_SCALE * float(np.sqrt(np.mean(problem.rows[..., -1] ** 2)))
     scale = np.inf
     for _ in range(_SCALE_ROUNDS):
-        before, scale = scale, max(least, unit * float(np.median(problem.residuals_at(compliance)[1])))
-        if abs(scale - before) <= _SCALE_TOLERANCE * scale:
+        previous, scale = scale, max(least, unit * float(np.median(problem.residuals_at(compliance)[1])))
+        if abs(scale - previous) <= _SCALE_TOLERANCE * scale:
             break
         compliance, _ = problem.in_units_of(threshold * scale).minimise_model(compliance, 1.0)
     return scale

@@ -1,7 +1,8 @@
 """Identification of joint stiffnesses: the story from measurements to an estimate (method.md §2-§6, §8).
 
-Fit once without K_c; then again until the compliances that bend the robot are those that are found; carry the
-errors that all observations share; give the fit its scale, its uncertainties and its verdicts.
+Fit once without the complementary stiffness K_c; with K_c, fit again until the fitted compliances equal those
+with which the robot was bent. Then propagate the errors that all observations share, and compute sigma,
+uncertainties, intervals and verdicts.
 """
 
 from __future__ import annotations
@@ -38,8 +39,8 @@ typically 1/1000."""
 _CHANGE_TOLERANCE: Final = 1e-10
 """Largest expected relative change of the compliances by further fits at which the iteration ends."""
 _CHANGE_IN_UNCERTAINTIES: Final = 1e-4
-"""Largest such change in standard uncertainties, sigma being from the residuals; for readings without noise
-the uncertainty is zero, and `_CHANGE_TOLERANCE` decides."""
+"""Largest expected change of the compliances by further fits, in standard uncertainties, at which the
+iteration ends; for readings without noise the uncertainty is zero, and `_CHANGE_TOLERANCE` decides."""
 _LEAST_SHRINKAGE: Final = 1e-3
 """Least factor by which a fit is assumed to shrink the change: the ratio of K_c to the joint stiffness."""
 SHIFT_OBSERVATIONS: Final = 4096
@@ -181,22 +182,23 @@ def _fit_once(
     measurements: Measurements,
     settings: Settings,
     method: Method,
-    before: _Pass | None = None,
+    previous: _Pass | None = None,
 ) -> _Pass:
     """Fit all observations once.
 
-    With K_c the robot is bent by the compliances of the fit `before`; None for the first fit, without K_c.
+    With K_c the robot is bent by the compliances of the previous fit; `previous` is None for the first fit,
+    which neglects K_c.
     """
-    compliance = None if before is None else before.fit.compliance
+    compliance = None if previous is None else previous.fit.compliance
     excitation, triangles = Excitation(robot.joint_kinds), MethodTriangles(method)
     targets = TargetRows(robot.n) if settings.loss == "huber" else None
     largest = np.zeros((robot.n, robot.n))
     for block in regressor_blocks(robot, measurements, compliance):
         (triangles if targets is None else targets).add(block)
-        if before is None:
+        if previous is None:
             excitation.add(block)
             np.maximum(largest, np.abs(complementary_stiffness(block)).max(axis=0), out=largest)
-    observability = _require_observable(excitation) if before is None else before.observability
+    observability = _require_observable(excitation) if previous is None else previous.observability
     robust, sigma = None, measurements.sigma
     if targets is not None:  # an unknown sigma is estimated in the first pass and then kept
         robust = fit_huber(
@@ -204,15 +206,15 @@ def _fit_once(
             observability.null,
             settings.constraints,
             prior=settings.prior,
-            sigma=sigma if before is None or before.robust is None else before.robust.sigma,
+            sigma=sigma if previous is None or previous.robust is None else previous.robust.sigma,
             threshold=settings.huber_threshold,
         )
-        sigma, measurements = robust.sigma, robust.weigh(measurements)
+        sigma, measurements = robust.sigma, robust.reweight(measurements)
         for block in regressor_blocks(robot, measurements, compliance):
             triangles.add(block)
     # Each unknown of a cause that was fitted to the readings before uses up one degree of freedom.
     triangles.all_readings.rows -= fitted_errors(measurements).determined
-    find = solve_step if before is None and settings.complementary_stiffness else solve
+    find = solve_step if previous is None and settings.complementary_stiffness else solve
     fit = fit_method(triangles, observability.null, settings.constraints, find=find)
     if settings.prior is not None:
         # A prior's weight is sigma/s₀; a sigma that is not given is estimated from the readings alone.
@@ -271,14 +273,14 @@ def _iterate_to_convergence(
     # A joint that nothing moves has no compliance to compare with.
     reference = np.maximum(first.observability.reference_compliance, np.finfo(np.float64).tiny)
     # Each fit with K_c shrinks the change by about this factor, the relative effect of K_c.
-    shrinks = float((np.abs(shift) / np.maximum(np.abs(first.fit.compliance), reference)).max())
+    shrinkage = float((np.abs(shift) / np.maximum(np.abs(first.fit.compliance), reference)).max())
     for rounds in range(1, MAX_ITERATIONS + 1):
         last = _fit_once(robot, measurements, settings, first.triangles.method, current)
         change = np.abs(last.fit.compliance - current.fit.compliance)
         size = np.maximum(np.abs(last.fit.compliance), reference)
         uncertainty = last.noise() * np.sqrt(np.diagonal(last.fit.covariance))
         if (
-            change * max(shrinks, _LEAST_SHRINKAGE)
+            change * max(shrinkage, _LEAST_SHRINKAGE)
             <= np.maximum(_CHANGE_TOLERANCE * size, _CHANGE_IN_UNCERTAINTIES * uncertainty)
         ).all():
             return last, rounds
@@ -296,19 +298,19 @@ def _estimate_neglected_shift(
 ) -> FloatArray:
     """Return the change (n,) of the compliances if K_c were included, to first order [rad/(N·m)].
 
-    The deflections by K_c are subtracted from the readings; the estimator is linear, and joints at a bound
-    stay there. Of a larger set `SHIFT_OBSERVATIONS` evenly spread observations are used, and the change is
-    scaled up to the whole set; where loads in all directions cancel, this overstates the change. A prior is
-    included where sigma [m] is known.
+    The deflections by K_c are subtracted from the readings; joints at a bound stay at the bound. Of a large
+    set only `SHIFT_OBSERVATIONS` evenly spread observations are used, and the change is multiplied by the
+    ratio of the numbers of observations; where loads in all directions cancel, this overstates the change. A
+    prior is included where sigma [m] is known.
     """
     fit, part = neglected.fit, neglected.measurements.select_evenly(SHIFT_OBSERVATIONS)
-    times = len(neglected.measurements) / len(part)
+    scale = len(neglected.measurements) / len(part)
     estimated = np.flatnonzero(~neglected.observability.null & (fit.active == 0))
     prior = prior.in_units_of(sigma) if prior and sigma else None
     responses = neglected.triangles.compute_responses(
         regressor_blocks(robot, part), [NEGLECTED_STIFFNESS], fit.compliance, estimated, prior
     )
-    return -responses[NEGLECTED_STIFFNESS.name][:, 0] * times
+    return -responses[NEGLECTED_STIFFNESS.name][:, 0] * scale
 
 
 def _build_estimate(robot: Robot, measurements: Measurements, settings: Settings, last: _Pass) -> Estimate:
@@ -384,6 +386,7 @@ def _propagate_common_errors(
     common = last.measurements.common_uncertainty
     errors = fitted_errors(last.measurements)
     fitted = errors.terms
+    # For each term: the name in the budget, and the standard uncertainties of the unknowns.
     stated = {name: (common.source(name), term.prior(common)) for name, term in TERMS.items()}
     blocks = regressor_blocks(robot, last.measurements, last.balanced)
     known = {term.name for term in fitted}  # an error fitted from the readings replaces a stated uncertainty
@@ -399,7 +402,7 @@ def _propagate_common_errors(
     )
     by_source = {}
     for source, size, response in ((*stated[term.name], responses[term.name]) for term in terms):
-        by_source[source] = np.resize(size, response.shape[1]) * response
+        by_source[source] = np.resize(size, response.shape[1]) * response  # repeats the uncertainties
     if fitted:
         changes = np.hstack([responses[term.name] for term in fitted])
         by_source["fitted_causes"] = changes @ errors.root
@@ -407,7 +410,7 @@ def _propagate_common_errors(
 
 
 def _compare_prior_to_data(alone: Fit, prior: Prior, sigma: float) -> FloatArray:
-    """Return for each joint the ratio (n,) of the information in its prior to that in the readings.
+    """Return for each joint the ratio (n,) of the prior's information to the readings' information.
 
     The ratio is ``s₀⁻² / (sigma² C_jj)⁻¹``; NaN for joints without a prior, and inf where the readings alone
     determine only a combination with other joints.
@@ -421,7 +424,7 @@ def _compare_prior_to_data(alone: Fit, prior: Prior, sigma: float) -> FloatArray
 
 
 def _largest_standardised_shift(shift: FloatArray | None, estimate: Estimate) -> float | None:
-    """Return the largest change of a compliance in standard uncertainties; None if these are unknown.
+    """Return the largest change of a compliance in standard uncertainties; None if no uncertainty is known.
 
     Uncertainties that were assumed, not stated, are left out of the standard uncertainty.
     """

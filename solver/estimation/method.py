@@ -30,7 +30,7 @@ from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimation.observability import Excitation, Spectrum
 from jointstiff.solver.estimation.problem import Bounds, Constraints, Order
 from jointstiff.solver.estimation.triangle import Triangle
-from jointstiff.solver.mechanics.block import RegressorBlock, Rows, Term, whitened_rows
+from jointstiff.solver.mechanics.block import RegressorBlock, Rows, Term, build_whitened_rows
 from jointstiff.solver.mechanics.measurements import Measurements, whitener
 from jointstiff.solver.mechanics.postures import WRIST_JOINTS, Wrist, find_wrist, skew
 from jointstiff.solver.mechanics.robot import Robot
@@ -121,7 +121,7 @@ class Settings:
                 for first, second in pairs
             )
         )
-        # With links the loss belongs to the elastic model.
+        # If elastic links are requested, the loss belongs to their model, and joints alone use squares.
         huber = options.loss == "huber" and options.elasticity in {"joints", "automatic"}
         settings = cls(
             method=options.method,
@@ -195,17 +195,18 @@ class Stage:
 class StageRows:
     """Rows of B observations in one stage."""
 
-    #: (B, r, K + 1) columns of all terms and of the readings; rows of the targets, then those of the encoders
-    #: of the stage's joints
+    #: (B, r, K + 1) columns of all terms, then of the readings; rows of the targets, then rows of the
+    #: encoders of the stage's joints
     fitted: FloatArray
-    spread: FloatArray | None  #: (B, 3 T, K + 1) ``NᵀN`` times the targets' rows; None where N = I
+    #: (B, 3 T, K + 1) ``NᵀN`` times the targets' rows, N the linear map of the stage; None where N = I
+    spread: FloatArray | None
 
 
 class Method:
     """A method with its weighting, as linear maps N of the whitened rows of the readings."""
 
     def __init__(self, robot: Robot, settings: Settings, length: float | None) -> None:
-        """Choose the stages.
+        """Choose the stages of the method.
 
         Args:
             robot: n joints.
@@ -287,10 +288,11 @@ class Method:
         extrapolation = np.concatenate(
             [np.broadcast_to(np.eye(3), (len(Q), 3, 3)), -skew(centre - reference)], axis=2
         )
-        carried = extrapolation @ np.linalg.solve(R, Q.transpose(0, 2, 1))
-        if self.by_covariance:
-            carried = np.linalg.qr(carried.transpose(0, 2, 1))[0].transpose(0, 2, 1)
-        return [(least_weight * carried if not self.by_covariance else carried, None), targets]
+        # Map from the whitened rows of the targets to the displacement of the wrist centre.
+        to_centre = extrapolation @ np.linalg.solve(R, Q.transpose(0, 2, 1))
+        if self.by_covariance:  # orthonormal rows: the displacement of the centre, whitened
+            to_centre = np.linalg.qr(to_centre.transpose(0, 2, 1))[0].transpose(0, 2, 1)
+        return [(least_weight * to_centre if not self.by_covariance else to_centre, None), targets]
 
     @staticmethod
     def _undo_whitening(block: RegressorBlock) -> tuple[FloatArray | None, FloatArray | None]:
@@ -313,7 +315,7 @@ class MethodTriangles:
         all_readings: triangle of all readings, weighted by covariance. Residuals, sigma and degrees of
             freedom are computed on this triangle, whatever the method fits.
         stages: triangle of each stage.
-        spreads: triangle of the spread of each stage; None where the rows are weighted by covariance.
+        spreads: triangle of each stage's `StageRows.spread`; None where rows are weighted by covariance.
         cross: (n, n) weighted covariance between the readings of the two stages: ``A₂ᵀΩ₂ Σ Ω₁A₁``.
         seen_from_centre: excitation of the joints as the motion of the wrist centre shows it; decoupled
             method only.
@@ -332,7 +334,7 @@ class MethodTriangles:
     def add(self, block: RegressorBlock) -> None:
         """Add the rows of a block of observations to all triangles."""
         part = block.measurements
-        whitened = whitened_rows(block, [JOINTS], np.zeros(block.robot.n))
+        whitened = build_whitened_rows(block, [JOINTS], np.zeros(block.robot.n))
         self.all_readings.add(whitened.targets, count=int(part.coordinates.sum()))
         if part.encoders is not None and whitened.encoders is not None:
             self.all_readings.add(whitened.encoders, count=int(part.encoders.present.sum()))
@@ -377,18 +379,19 @@ class MethodTriangles:
         n = len(self.method.joint_names)
         moments: list[FloatArray | float] = [0.0] * len(self.stages)
         for block in blocks:
-            whitened = whitened_rows(block, [JOINTS, *terms], compliance)
+            whitened = build_whitened_rows(block, [JOINTS, *terms], compliance)
             for s, rows in enumerate(self.method.rows(block, whitened)):
                 flat = rows.fitted.reshape(-1, rows.fitted.shape[-1])
                 moments[s] = moments[s] + flat[:, :n].T @ flat[:, n:-1]
         bias = np.zeros(np.shape(moments[0]))
         for stage, triangle, moment in zip(self.method.stages, self.stages, moments, strict=True):
-            own, known = np.intersect1d(stage.joints, joints), np.intersect1d(stage.known, joints)
+            fitted, known = np.intersect1d(stage.joints, joints), np.intersect1d(stage.known, joints)
             matrix = triangle.matrix
-            remaining = np.asarray(moment)[own] - matrix[:, own].T @ (matrix[:, known] @ bias[known])
-            with_prior = matrix[:, own] if prior is None else np.vstack([matrix[:, own], prior.rows(own)[0]])
+            remaining = np.asarray(moment)[fitted] - matrix[:, fitted].T @ (matrix[:, known] @ bias[known])
+            columns = matrix[:, fitted]
+            with_prior = columns if prior is None else np.vstack([columns, prior.rows(fitted)[0]])
             inverse = Spectrum(with_prior).inverse
-            bias[own] = inverse @ (inverse.T @ remaining)
+            bias[fitted] = inverse @ (inverse.T @ remaining)
         ends = np.cumsum([whitened.widths[term.name] for term in terms])[:-1]
         return dict(zip((term.name for term in terms), np.split(bias, ends, axis=1), strict=True))
 
@@ -411,19 +414,19 @@ def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArra
     part = block.measurements
     present = part.present[..., None]
     reference = block.points.mean(axis=1, where=present)
-    arm = np.where(present, block.points - reference[:, None], 0.0)
-    singular = np.linalg.svd(arm, compute_uv=False)
-    flat = np.flatnonzero(singular[:, 1] <= _COLLINEAR * singular[:, 0])
-    if len(flat):
+    lever = np.where(present, block.points - reference[:, None], 0.0)
+    singular = np.linalg.svd(lever, compute_uv=False)
+    collinear = np.flatnonzero(singular[:, 1] <= _COLLINEAR * singular[:, 0])
+    if len(collinear):
         raise UnsupportedMethodError(
             "the targets lie on a line, so the flange's rotation about it is not observable "
-            f"({len(flat)} observations)",
+            f"({len(collinear)} observations)",
             where="readings",
             remedy="use method partial_pose, or place the three targets so that they form a triangle",
         )
-    turn = -skew(arm)
+    turn = -skew(lever)
     G = part.project_on_directions(np.concatenate([np.broadcast_to(np.eye(3), turn.shape), turn], axis=-1))
-    Q, R = np.linalg.qr(block.whiten(np.where(present[..., None], G, 0.0)).reshape(len(arm), -1, 6))
+    Q, R = np.linalg.qr(block.whiten(np.where(present[..., None], G, 0.0)).reshape(len(lever), -1, 6))
     return Q, R, reference
 
 
@@ -434,12 +437,12 @@ def refuse_missing_poses(measurements: Measurements) -> None:
         UnsupportedMethodError: names the first such observation.
     """
     counts = (measurements.coordinates == 3).sum(axis=1)
-    poor = np.flatnonzero(counts < MIN_TARGETS)
-    if len(poor):
-        first = int(poor[0])
+    too_few = np.flatnonzero(counts < MIN_TARGETS)
+    if len(too_few):
+        first = int(too_few[0])
         raise UnsupportedMethodError(
             f"the pose of the flange needs {MIN_TARGETS} targets, but {measurements.place(first)} has "
-            f"{counts[first]} ({len(poor)} of {len(counts)} observations have too few)",
+            f"{counts[first]} ({len(too_few)} of {len(counts)} observations have too few)",
             where=f"observations[{first}].readings",
             remedy="use method partial_pose, or read three targets in every observation",
         )
@@ -473,9 +476,9 @@ def find_length_of_least_condition(
 ) -> float:
     """Return the length L [m] that minimises the condition number of the rows [A_v / L; A_ω].
 
-    A_v are the rows of displacements, A_ω those of rotations (Khan & Angeles; method.md §3). Columns are
-    first scaled to unit norm, as for the solution: otherwise the spread of the torques between arm and wrist
-    dominates, and the least condition number is at an infinite length.
+    A_v are the rows of displacements, A_ω the rows of rotations (Khan & Angeles; method.md §3). Columns are
+    first scaled to unit norm, as they are for the solution: otherwise the different sizes of the torques on
+    arm and wrist dominate, and the least condition number is at an infinite length.
 
     Args:
         method: complete pose with a length of 1 m.
@@ -486,12 +489,12 @@ def find_length_of_least_condition(
         L between 1 mm and 1 km [m].
     """
     n = len(null)
-    parts = Triangle(joints=n), Triangle(joints=n)
+    displacements, rotations = Triangle(joints=n), Triangle(joints=n)
     for block in blocks:
-        (rows,) = method.rows(block, whitened_rows(block, [JOINTS], np.zeros(n)))
-        parts[0].add(rows.fitted[:, :3])
-        parts[1].add(rows.fitted[:, 3:])
-    linear, angular = (part.matrix[:, ~null] for part in parts)
+        (rows,) = method.rows(block, build_whitened_rows(block, [JOINTS], np.zeros(n)))
+        displacements.add(rows.fitted[:, :3])
+        rotations.add(rows.fitted[:, 3:])
+    linear, angular = (part.matrix[:, ~null] for part in (displacements, rotations))
 
     def log_condition(decade: float) -> float:
         """Return the logarithm of the condition number for the length 10**decade [m]."""

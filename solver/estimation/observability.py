@@ -107,8 +107,9 @@ def _describe_combination(
 ) -> Combination:
     """Return a group of joints with the weighted sums of their compliances that the readings determine.
 
-    A sum w is determined if no null direction changes it. With the null directions ν (k, m) and k joints f
-    chosen, ``w = e_i + Σ_f w_f e_f`` and ``ν w = 0`` give ``w_f = −ν_f⁻¹ ν_i`` for each other joint i.
+    A sum with weights w is determined if no direction without effect on the readings changes the sum. With
+    these directions ν (k, m) and k chosen joints f, ``w = e_i + Σ_f w_f e_f`` and ``ν w = 0`` give
+    ``w_f = −ν_f⁻¹ ν_i`` for each other joint i.
     """
     members = null_space[:, group]
     values, vectors = np.linalg.eigh(members.T @ members)  # a projector: its eigenvalues are 0 or 1
@@ -218,8 +219,8 @@ class Excitation:
 
     def observability(self) -> Observability:
         """Return the observability of the joints in all observations added so far."""
-        blind = self._potential <= NULL_COLUMN**2 * self._potential.max()
-        null = blind | (self._column <= NULL_COLUMN**2 * self._potential)
+        without_lever = self._potential <= NULL_COLUMN**2 * self._potential.max()
+        null = without_lever | (self._column <= NULL_COLUMN**2 * self._potential)
         potential = np.where(self._potential > 0, self._potential, np.inf)
         return Observability(
             null=null,
@@ -339,15 +340,20 @@ def explain_noise(
         observability: observability of the joints in the same observations.
         uncertainty: standard uncertainty of the joint's compliance [rad/(N·m)].
     """
-    torque, most = observability.greatest_torque, int(np.argmax(observability.greatest_torque))
-    own, other = (JOINT_UNITS[observability.kinds[j]] for j in (joint, most))
-    least, greatest = figure(torque[joint], ".2g"), figure(torque[most], ".2g")
-    instead = "" if most == joint else f", and {names[most]} with up to {greatest} {other.effort}"
+    torque, most_loaded = observability.greatest_torque, int(np.argmax(observability.greatest_torque))
+    units, units_of_most = (JOINT_UNITS[observability.kinds[j]] for j in (joint, most_loaded))
+    least, greatest = figure(torque[joint], ".2g"), figure(torque[most_loaded], ".2g")
+    instead = (
+        ""
+        if most_loaded == joint
+        else f", and {names[most_loaded]} with up to {greatest} {units_of_most.effort}"
+    )
     return (
         f"hidden by noise: its standard uncertainty of {figure(uncertainty, '.2g')} "
-        f"{own.compliance} exceeds {figure(observability.reference_compliance[joint], '.2g')} "
-        f"{own.compliance}, the compliance with which it alone would explain all deflections; the load "
-        f"{own.loads} it with at most {least} {own.effort}{instead}: add loads that {own.load_verb} it more"
+        f"{units.compliance} exceeds {figure(observability.reference_compliance[joint], '.2g')} "
+        f"{units.compliance}, the compliance with which it alone would explain all deflections; the load "
+        f"{units.loads} it with at most {least} {units.effort}{instead}: add loads that {units.load_verb} it "
+        "more"
     )
 
 

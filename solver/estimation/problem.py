@@ -89,8 +89,8 @@ class Bounds:
         A free parameter outside its bounds goes to the bound; a parameter at a bound is freed if the sign of
         its multiplier is wrong. Rounds may cycle; the certificate of the outcome then detects the failure.
         """
-        pull = np.where(active == LOWER, gradient, np.where(active == UPPER, -gradient, 1.0))
-        freed = np.where(pull < 0, FREE, active)
+        multiplier = np.where(active == LOWER, gradient, np.where(active == UPPER, -gradient, 1.0))
+        freed = np.where(multiplier < 0, FREE, active)
         return np.where(x < self.lower, LOWER, np.where(x > self.upper, UPPER, freed)).astype(np.int8)
 
     def gradient_violation(self, x: FloatArray, gradient: FloatArray) -> FloatArray:
@@ -114,8 +114,8 @@ class Inequalities:
 class Constraints:
     """Bounds on the compliances and an order among them.
 
-    The constructor tightens the bounds by the order: ``c_i ≤ c_j`` makes the lower bound of i a lower bound
-    of j, and the upper bound of j an upper bound of i. So some c within all constraints reaches each bound.
+    The constructor tightens the bounds: ``c_i ≤ c_j`` makes the lower bound of i a lower bound of j, and the
+    upper bound of j an upper bound of i. Each bound is then reached by some c within all constraints.
 
     Raises:
         RequestError: if the order goes round in a circle, or contradicts the bounds.
@@ -127,16 +127,16 @@ class Constraints:
     def __post_init__(self) -> None:
         if not self.order:
             return
-        below = self._implied_order()
+        below = self._implied_order()  # (n, n), whether c_i ≤ c_j
         if below.diagonal().any():
             raise RequestError(
                 "`stiffness_order` contradicts itself: the chains of joints form a cycle",
                 where="stiffness_order",
                 remedy="name each joint once per chain, and let no two chains contradict each other",
             )
-        before = below | np.eye(len(below), dtype=np.bool_)
-        lower = np.where(before, self.bounds.lower[:, None], -np.inf).max(axis=0)
-        upper = np.where(before, self.bounds.upper, np.inf).min(axis=1)
+        below_or_same = below | np.eye(len(below), dtype=np.bool_)
+        lower = np.where(below_or_same, self.bounds.lower[:, None], -np.inf).max(axis=0)
+        upper = np.where(below_or_same, self.bounds.upper, np.inf).min(axis=1)
         if not (lower < upper).all():
             raise RequestError(
                 "the stiffness bounds contradict `stiffness_order`",
@@ -189,7 +189,7 @@ class Constraints:
         return Constraints(Bounds(lower, upper), self.order).select(others)
 
     def are_satisfied_by(self, compliance: FloatArray) -> BoolArray:
-        """Return whether compliances (..., n) satisfy all constraints, as an array (...) of booleans."""
+        """Return a mask (...) of compliances (..., n) that satisfy all constraints."""
         inside = ((self.bounds.lower <= compliance) & (compliance <= self.bounds.upper)).all(axis=-1)
         for i, j in self.order:
             inside &= compliance[..., i] <= compliance[..., j]
@@ -318,7 +318,7 @@ class Scaled:
     def solve_on_support(self, active: Support, near: FloatArray | None = None) -> FloatArray:
         """Return the least-squares point (n,) with all active variables fixed at their bounds.
 
-        Where this point is not unique, the one nearest to `near` is returned; the shortest if `near` is None.
+        Of several such points, the point nearest to `near` is returned; the shortest if `near` is None.
         """
         free = active == FREE
         x = self.bounds.values_at_bounds(active)
@@ -348,19 +348,19 @@ class Scaled:
 
         Args:
             active: (k,) whether each row holds with equality.
-            near: (n,) point; where the optimum is not unique, the optimum nearest to it is returned.
+            near: (n,) point; where the optimum is not unique, the optimum nearest to this point is returned.
         """
         G, h = self.rows
         rows, values = G[active], h[active]
         x = near
-        along = np.eye(len(x))
+        along = np.eye(len(x))  # directions in which the active rows do not change
         if len(rows):
             U, singular, Vt = np.linalg.svd(rows, full_matrices=True)
             rank = int((singular > _NO_DIRECTION * singular[0]).sum())
             x = x + Vt[:rank].T @ ((U[:, :rank].T @ (values - rows @ x)) / singular[:rank])
             along = Vt[rank:].T
-        # Two steps: nearly parallel rows may have moved x far away, and the second step removes the rounding
-        # that the first one leaves.
+        # Two steps: nearly parallel rows may have moved x far away; the second step removes the rounding
+        # error of the first step.
         for _ in range(2 if along.shape[1] else 0):
             step = np.linalg.lstsq(self.A @ along, self.b - self.A @ x, rcond=_NO_DIRECTION)[0]
             x = x + along @ step

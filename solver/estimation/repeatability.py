@@ -107,9 +107,9 @@ class RestrictedLikelihood:
         self._along = self._directions.mT @ self._rows
         measurements = block.measurements
         self._sigma, self._repeatability = measurements.sigma, measurements.repeatability
-        self._freedom = int(stack.read[used].sum()) - columns.shape[-1]
+        self._freedom: int = int(stack.read[used].sum()) - columns.shape[-1]
         # Ratio at which turns of the joints move the targets as far as the readings' noise.
-        self._unit = 1.0 / max(float(np.sqrt(np.mean(np.square(self._lengths)))), 1e-12)
+        self._unit: float = 1.0 / max(float(np.sqrt(np.mean(np.square(self._lengths)))), 1e-12)
 
     def maximise(self) -> tuple[float, float]:
         """Return the most likely ratio ρ [rad/m], and twice the gain of log L over that of ρ = 0."""
@@ -128,7 +128,7 @@ class RestrictedLikelihood:
 
     def _at_decade(self, decade: float) -> float:
         """Return −log L of the ratio ``unit · 10**decade``, less a constant."""
-        return self._at(self._unit * float(10.0**decade))
+        return self._at(float(self._unit * 10.0**decade))
 
     def _at(self, ratio: float) -> float:
         """Return −log L of a ratio [rad/m], less a constant."""

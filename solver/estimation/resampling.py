@@ -31,7 +31,7 @@ from jointstiff.solver.estimation.observability import NULL_COLUMN, Excitation, 
 from jointstiff.solver.estimation.problem import Bounds, IdentificationProblem
 from jointstiff.solver.estimation.solution import solve_batch, solve_step
 from jointstiff.solver.estimation.stack import Stack
-from jointstiff.solver.mechanics.block import regressor_blocks, whitened_rows
+from jointstiff.solver.mechanics.block import build_whitened_rows, regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import JOINTS
@@ -119,7 +119,7 @@ def build_method_stacks(
     fitted, regressors, deflections = [], [], []
     for block in regressor_blocks(robot, measurements, estimate.balanced):
         excitation.add(block)
-        whitened = whitened_rows(block, [JOINTS], estimate.compliance)
+        whitened = build_whitened_rows(block, [JOINTS], estimate.compliance)
         fitted.append([rows.fitted for rows in method.rows(block, whitened)])
         present = block.measurements.present
         regressors.append(block.A[present])
@@ -178,13 +178,13 @@ class Draws:
         self._joints, self._plan = joints, plan
 
     @cached_property
-    def _blocks(self) -> MethodStacks:
-        """Rows of the method on the whole set."""
+    def _stacks(self) -> MethodStacks:
+        """Rows of the method on the whole measurement set, configuration by configuration."""
         joints = self._joints
         return build_method_stacks(joints.robot, joints.measurements, joints.settings, joints.estimate)
 
     def steps(self) -> tuple[tuple[int, int], ...]:
-        """Return for each step its range of repetitions, as (first, one past the last)."""
+        """Return the range of repetitions of each step, as (first, one past the last)."""
         readings = int(self._joints.measurements.present.sum())
         seconds = _SECONDS_A_REPETITION + _SECONDS_A_READING * readings
         size, count = max(1, int(STEP_SECONDS / seconds)), self._plan.repetitions
@@ -202,7 +202,7 @@ class Draws:
         Raises:
             JointstiffError: the identification of the whole set fails.
         """
-        found = resample(self._blocks, self._plan, self._joints.settings.bounds, *span)
+        found = resample(self._stacks, self._plan, self._joints.settings.bounds, *span)
         return {"compliance": found.compliance, "compensation": found.compensation}
 
     def statistics(self, parts: Sequence[Mapping[str, FloatArray]]) -> ResamplingResult:
@@ -261,7 +261,8 @@ def draw_configurations(plan: Resampling, configurations: int, start: int, stop:
     """Draw the configurations for a range of repetitions, reproducibly from the seed.
 
     With u the table ``np.random.default_rng(seed).random((repetitions, N))``, repetition r draws the
-    configurations at the m least numbers of row r; with replacement it draws ⌊N u⌋ of the first m.
+    configurations at the m least numbers of row r. With replacement, repetition r draws the configurations
+    ⌊N u⌋ for the first m numbers u of row r.
 
     Args:
         plan: number m of configurations in a draw, at most N, and seed.
@@ -284,8 +285,8 @@ def draw_configurations(plan: Resampling, configurations: int, start: int, stop:
 class Resamples:
     """Estimates of K repetitions.
 
-    A joint's compliance is NaN where the drawn configurations do not determine it: the joint has no effect on
-    their readings, or only in combination with other joints, or is confounded with such joints.
+    A joint's compliance is NaN where the drawn configurations do not determine the compliance: the joint has
+    no effect on their readings, or the readings show only a combination of this joint and other joints.
     """
 
     compliance: FloatArray  #: (K, n) optimum [rad/(N·m)]; NaN where undetermined
@@ -351,16 +352,16 @@ def fit_subsets(blocks: MethodStacks, weights: FloatArray, bounds: Bounds) -> Fl
     """
     compliance = np.full((len(weights), blocks.parameters), np.nan)
     for stage in blocks.stages:
-        known, own = compliance[:, stage.known], bounds.select(stage.joints)
-        compliance[:, stage.joints] = _solve_stage(stage, weights, known, own)
+        known, stage_bounds = compliance[:, stage.known], bounds.select(stage.joints)
+        compliance[:, stage.joints] = _solve_stage(stage, weights, known, stage_bounds)
     return compliance
 
 
 def _solve_stage(stage: StageStack, weights: FloatArray, known: FloatArray, bounds: Bounds) -> FloatArray:
     """Return the compliances (K, p) of a stage's joints in K subsets [rad/(N·m)]; NaN where undetermined.
 
-    The right-hand side is ``A_jᵀ d − A_jᵀ A_k c_k``, with A_j the columns of the stage's joints and A_k the
-    columns of joints whose compliances c_k, `known` (K, q), an earlier stage has estimated.
+    The right-hand side is ``A_jᵀ d − A_jᵀ A_k c_k``, with A_j the columns of the stage's joints, and A_k the
+    columns of joints whose compliances c_k an earlier stage has estimated: `known` (K, q).
     """
     p = len(stage.joints)
     unit, offset = stage.unit[:p], known / stage.unit[p:]
@@ -382,7 +383,7 @@ def _solve_stage(stage: StageStack, weights: FloatArray, known: FloatArray, boun
 
 
 def _solve_from_rows(stage: StageStack, drawn: IndexArray, offset: FloatArray, box: Bounds) -> FloatArray:
-    """Fit one stage of one repetition to its rows, because its Gram matrix is too ill-conditioned.
+    """Fit one stage of one repetition to the rows, because the Gram matrix is too ill-conditioned.
 
     Args:
         stage: rows of all configurations.

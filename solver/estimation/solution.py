@@ -45,7 +45,7 @@ _ACTIVE_SLACK: Final = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Certificate:
-    """Evidence that an answer is the optimum of a convex program, from the data at the answer itself.
+    """Evidence that an answer is the optimum of a convex program, computed from the data at the answer.
 
     Violations are dimensionless, and beyond rounding. For least squares in equilibrated variables a gradient
     is the cosine between a column and the residual, times ‖residual‖/‖z‖.
@@ -55,12 +55,12 @@ class Certificate:
     #: greatest part of the gradient that the multipliers do not balance. For a cone, distance of the slack
     #: from the dual cone before the multipliers were changed, over the weight of the penalty
     dual: float
-    #: greatest min(multiplier, slack). For a cone, root of the objective's excess over what the multipliers
-    #: prove, with ‖z‖ = 1: the fitted readings differ from the optimum's by no more. For a robust loss, the
-    #: excess itself
+    #: greatest min(multiplier, slack). For a cone, root of the objective's excess over the lower bound that
+    #: the multipliers prove, with ‖z‖ = 1: the fitted readings differ from those of the optimum by no more.
+    #: For a robust loss, the excess
     gap: float
-    #: (n + k,) of the bounds, positive at a lower and negative at an upper one, then of the inequalities. For
-    #: a cone, (m,) or (K, 3) of the equations that define the residuals
+    #: (n + k,) multipliers of the bounds, positive at a lower and negative at an upper bound, then of the
+    #: inequalities. For a cone, (m,) or (K, 3) multipliers of the equations that define the residuals
     multipliers: FloatArray
     solved_by: SupportFinder  #: algorithm that found the support
 
@@ -70,10 +70,7 @@ class Certificate:
 
 
 def greatest_violations(stages: Sequence[Certificate]) -> StagesCertificate:
-    """Return one certificate for all stages of a method: the greatest violation of each kind of condition.
-
-    There must be at least one stage.
-    """
+    """Return one certificate for all stages (at least one) of a method: the greatest of their violations."""
     return StagesCertificate(
         primal=max(stage.primal for stage in stages),
         dual=max(stage.dual for stage in stages),
@@ -96,21 +93,21 @@ def certify(scaled: Scaled, x: FloatArray, solved_by: SupportFinder) -> Certific
         # construction, and it does not matter that the rows may depend on each other.
         G, h = scaled.rows
         multipliers = scaled.multipliers_at(x)
-        left = np.abs(gradient - G.T @ multipliers)
-        # A balance is known to the rounding of its largest terms: rows that are nearly parallel, as where a
-        # joint hardly shows, pull against each other with multipliers far beyond the gradient.
+        unbalanced = np.abs(gradient - G.T @ multipliers)
+        # The difference is known to the rounding of its largest terms: nearly parallel rows, such as those of
+        # a joint that the readings hardly show, have multipliers far larger than the gradient.
         largest = max(size, float((np.abs(G.T) @ multipliers).max(initial=0.0)))
         bounds = len(h) - len(scaled.d)
         return Certificate(
             primal=max(0.0, float((h - G @ x).max(initial=0.0)) - _ROUNDING * size),
-            dual=max(0.0, float(left.max()) - _ROUNDING * largest),
+            dual=max(0.0, float(unbalanced.max()) - _ROUNDING * largest),
             gap=0.0,
             multipliers=np.concatenate([G[:bounds].T @ multipliers[:bounds], multipliers[bounds:]]),
             solved_by=solved_by,
         )
     lower, upper = scaled.bounds.lower, scaled.bounds.upper
     below, above = x - lower, upper - x
-    # The multiplier of a lower bound is the positive part of the gradient, of an upper the negative.
+    # The positive part of the gradient is the multiplier of a lower bound, the negative of an upper bound.
     product = np.maximum(
         np.minimum(np.maximum(gradient, 0.0), below), np.minimum(np.maximum(-gradient, 0.0), above)
     )
@@ -159,7 +156,7 @@ def solve_step(problem: IdentificationProblem) -> Solution:
     """Solve a problem by pivoting and certify the optimum; where pivoting fails, solve by Clarabel.
 
     This is faster than `solve`, and meant for problems solved many times, as in iterations. Pivoting starts
-    from least squares without bounds. The conditions of the certificate are those of `solve`.
+    from least squares without bounds. The optimum is certified by the same conditions as in `solve`.
 
     Raises:
         SolverError: if no candidate satisfies the optimality conditions.
@@ -239,8 +236,8 @@ def _propose_by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
 
     The problem is turned into one of least distance, whose dual is a non-negative least-squares problem that
     ends after finitely many steps (Lawson & Hanson 1974, chapter 23). With A = Q R and w = R x − Qᵀb the rows
-    are ``G R⁻¹ w ≥ h − G R⁻¹ Qᵀ b =: g``, and the w of least length is sought: NNLS on ``E = [(G R⁻¹)ᵀ; gᵀ]``
-    with right-hand side (0, …, 0, 1) has its multipliers.
+    are ``G R⁻¹ w ≥ h − G R⁻¹ Qᵀ b =: g``, and the w of least length is sought. The solution of non-negative
+    least squares on ``E = [(G R⁻¹)ᵀ; gᵀ]`` with right-hand side (0, …, 0, 1) gives the multipliers.
     """
     from scipy.optimize import nnls
 
@@ -264,11 +261,11 @@ def _propose_by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
 def _propose_on_rows(
     scaled: Scaled, active: BoolArray, near: FloatArray, name: SupportFinder
 ) -> Iterator[_Proposal]:
-    """Yield two exact least-squares points on which rows of the constraints hold with equality.
+    """Yield two exact least-squares points at which rows of the constraints hold with equality.
 
-    On the second point only the active rows (k,) hold with equality. On the first point the rows that have a
-    positive multiplier at the second point do, because rounding may have hidden some of them; where variables
-    differ very much in size, these may be too many rows.
+    At the second point these are the `active` rows (k,). At the first point these are the rows with a
+    positive multiplier at the second point: rounding may have hidden some active rows, but where variables
+    differ very much in size, the first point may have too many rows.
     """
     x = scaled.solve_on_rows(active, near)
     yield scaled.solve_on_rows(scaled.multipliers_at(x) > 0, x), name
@@ -301,7 +298,7 @@ def solve_batch(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> BatchSo
         bounds: on the n parameters, the same for all problems.
 
     Returns:
-        The optima; those of ill-conditioned problems are marked as not certified.
+        The optima of all K problems; the optima of ill-conditioned problems are marked as not certified.
 
     Raises:
         SolverError: if a number is not finite, or an optimum could not be certified.
@@ -343,7 +340,7 @@ class GramProblems:
         return GramProblems(self.A[which], self.b[which], self.bounds.select(which))
 
     def well_conditioned(self) -> BoolArray:
-        """Return whether the eigenvalues of each Gram matrix are at least `LEAST_EIGENVALUE`: (K,).
+        """Return a mask (K,) of Gram matrices whose eigenvalues are all at least `LEAST_EIGENVALUE`.
 
         The diagonal entries are one at most, so the mean of all eigenvalues but the least, λ, is at most
         n/(n − 1), and ``det A ≤ λ (n/(n − 1))ⁿ⁻¹``: for most matrices the cheap determinant decides.

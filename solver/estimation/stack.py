@@ -1,7 +1,7 @@
 """Stack: whitened readings and columns of terms, posture by posture.
 
-The rows M_i = [A_i d_i] of each observation stay apart, so that some can be left out, weighted, or counted
-from one of them on; a triangle compresses any part of them.
+The rows M_i = [A_i d_i] of each observation i are stored apart, so that observations can be left out,
+weighted, or selected from a certain observation on; a triangle compresses the rows of any selection.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ import numpy as np
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.estimation.triangle import Triangle, orthonormal_basis, unit_columns
-from jointstiff.solver.mechanics.block import RegressorBlock, Rows, Term, whitened_rows
+from jointstiff.solver.mechanics.block import RegressorBlock, Rows, Term, build_whitened_rows
 
 
 @dataclass(frozen=True, eq=False)
 class Stack:
     """Rows of N observations; their K columns belong to named terms, and a last column holds the readings."""
 
-    #: (N, m, K + 1) [A d] in units of sigma, the readings' own column last; zero where nothing was read
+    #: (N, m, K + 1) [A d] in units of sigma, the column of readings last; zero where nothing was read
     rows: FloatArray
     read: IndexArray  #: (N,) number of coordinates that were read in each observation
     widths: dict[str, int]  #: number of columns of each term, by the term's name, in the order of the columns
@@ -33,7 +33,7 @@ class Stack:
         blocks: Iterable[RegressorBlock],
         terms: Sequence[Term],
         compliance: FloatArray,
-        weigh: Callable[..., Rows] = whitened_rows,
+        build: Callable[..., Rows] = build_whitened_rows,
     ) -> Stack:
         """Build the stack of the targets' rows; rows of encoders are left out.
 
@@ -41,11 +41,11 @@ class Stack:
             blocks: N observations of T targets.
             terms: effects that may have moved the targets; each gives some columns.
             compliance: (n,) joint compliances at which the columns are computed [rad/(N·m)].
-            weigh: function that builds the rows: `whitened_rows`, or `rows_of` for equal weights.
+            build: function that builds the rows: `build_whitened_rows`, or `build_rows` for equal weights.
         """
         parts, read, widths = [], [], dict[str, int]()
         for block in blocks:
-            rows = weigh(block, terms, compliance)
+            rows = build(block, terms, compliance)
             parts.append(rows.targets.reshape(len(rows.targets), -1, rows.targets.shape[-1]))
             read.append(block.measurements.coordinates.sum(axis=1))
             widths = rows.widths

@@ -2,8 +2,8 @@
 
 For rows M = [A d] the triangle T satisfies ``Tᵀ T = Mᵀ M``, so ``‖A x − d‖ = ‖T (x, −1)‖`` for every x: a
 fit, an F test and an order of two campaigns need nothing else of the readings. Householder QR is backward
-stable column by column: columns of very different scale do not disturb each other, which the normal equations
-would let them. This module alone compresses rows.
+stable column by column: columns of very different scale do not disturb each other, as they would in normal
+equations. This module alone compresses rows.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ readings can distinguish the load from the joints."""
 _NULL: Final = 1e-9
 """Length of a column, relative to the longest column, up to which the column is rounding."""
 _RESOLUTION: Final = 1e-7
-"""Residual [m] of a coordinate below which nothing is left to explain."""
+"""Residual [m] of a coordinate below which residuals count as rounding, with nothing to explain."""
 
 
 def compute_triangular_factor(rows: FloatArray) -> FloatArray:
@@ -81,7 +81,7 @@ class Triangle:
 
     @property
     def matrix(self) -> FloatArray:
-        """Compressed regressor (K + 1, K): all columns but that of the readings."""
+        """Compressed regressor (K + 1, K): all columns except the column of readings."""
         return self.R[:, :-1]
 
     @property
@@ -107,22 +107,22 @@ class Triangle:
         most: int | None = None,
         least: float = DISTINCT,
     ) -> FloatArray:
-        """Return the p-values (S,) of F tests: does adding a term improve the fit of other terms?
+        """Return the p-values (S,) of F tests of whether adding a term improves the fit of other terms.
 
-        The p-value is 1 where the readings cannot decide.
+        A p-value is 1 where the readings have too few degrees of freedom for the test.
 
         Args:
             names: the S terms that are tested, each one alone.
             fitted: terms that are fitted in any case.
             most: largest number of a term's leading singular directions that are tested; all if None.
-            least: directions are tested if their singular value exceeds this; the values are those of the
-                tested term's unit columns after the fitted terms have been projected out.
+            least: directions are tested if their singular value exceeds this number. Singular values are
+                computed from the tested term's unit columns, after projecting the fitted terms out.
         """
         known, tested = orthonormal_basis(self.unit_columns(fitted)), self.unit_columns(names)
         d = self.rhs - known @ (known.T @ self.rhs)
-        left = tested - known @ (known.T @ tested)
+        projected = tested - known @ (known.T @ tested)
         columns = stack_padded(
-            np.split(left, np.cumsum([len(self.span[name]) for name in names])[:-1], axis=1)
+            np.split(projected, np.cumsum([len(self.span[name]) for name in names])[:-1], axis=1)
         )
         U, s, _ = np.linalg.svd(columns, full_matrices=False)
         counted = (s > least) & (np.arange(s.shape[1]) < (s.shape[1] if most is None else most))
@@ -149,9 +149,9 @@ class Triangle:
         """
         known = orthonormal_basis(self.unit_columns(names), least)
         others = {name: len(columns) for name, columns in self.span.items() if name not in names}
-        left = self.R[:, np.concatenate([*(self.span[name] for name in others), [self.R.shape[1] - 1]])]
+        remaining = self.R[:, np.concatenate([*(self.span[name] for name in others), [self.R.shape[1] - 1]])]
         triangle = Triangle(**others)
-        triangle.add(left - known @ (known.T @ left), count=self.rows)
+        triangle.add(remaining - known @ (known.T @ remaining), count=self.rows)
         return triangle
 
     def fit(self, names: Sequence[str], others: FloatArray, least: float) -> FloatArray:
@@ -169,8 +169,8 @@ class Triangle:
         unit, length = unit_columns(self.R[:, np.concatenate([self.span[name] for name in names])])
         U, s, Vt = np.linalg.svd(unit, full_matrices=False)
         seen = s > least
-        along = U[:, seen].T @ (self.rhs - self.matrix @ others)
-        return np.asarray(Vt[seen].T @ (along / s[seen]) / length)
+        coefficients = U[:, seen].T @ (self.rhs - self.matrix @ others)
+        return np.asarray(Vt[seen].T @ (coefficients / s[seen]) / length)
 
     def fit_with_prior(self, deviation: FloatArray, variance: float) -> PriorFit:
         """Fit all terms by least squares with a Gaussian prior of mean zero on every unknown.
@@ -187,8 +187,8 @@ class Triangle:
         M = np.vstack([self.matrix * deviation, np.sqrt(variance) * np.eye(len(deviation))])
         x, *_ = np.linalg.lstsq(M, np.concatenate([self.rhs, np.zeros(len(deviation))]), rcond=None)
         inverse = np.linalg.solve(np.linalg.qr(M, mode="r"), np.eye(len(deviation)))
-        left = float(np.square(self.matrix @ (deviation * x) - self.rhs).sum())
-        return PriorFit(deviation * x, np.sqrt(variance) * deviation[:, None] * inverse, left)
+        squares = float(np.square(self.matrix @ (deviation * x) - self.rhs).sum())
+        return PriorFit(deviation * x, np.sqrt(variance) * deviation[:, None] * inverse, squares)
 
     def fit_with(self, names: Sequence[str], known: str = "joints") -> TermsFit:
         """Fit the named terms together with the term `known`, by least squares without bounds.
@@ -198,8 +198,8 @@ class Triangle:
         columns, d = self.R[:, self.span[known]], self.R[:, -1]
         unit, length = unit_columns(self.R[:, np.concatenate([self.span[name] for name in names])])
         known_unit, scale = unit_columns(columns)
-        certain = orthonormal_basis(known_unit)
-        U, s, Vt = np.linalg.svd(unit - certain @ (certain.T @ unit), full_matrices=False)
+        basis = orthonormal_basis(known_unit)
+        U, s, Vt = np.linalg.svd(unit - basis @ (basis.T @ unit), full_matrices=False)
         distinct = s > DISTINCT
         root = Vt[distinct].T / s[distinct]
         step = root @ (U[:, distinct].T @ d)
@@ -250,8 +250,8 @@ def solve_nonnegative(columns: FloatArray, rhs: FloatArray) -> tuple[FloatArray,
     length = np.linalg.norm(columns, axis=0)
     seen = length > _NULL * length.max(initial=0.0)
     unit = np.where(seen, length, 1.0)
-    x, left = optimize.nnls(np.where(seen, columns / unit, 0.0), rhs)
-    return x / unit, float(left)
+    x, residual_length = optimize.nnls(np.where(seen, columns / unit, 0.0), rhs)
+    return x / unit, float(residual_length)
 
 
 def orthonormal_basis(columns: FloatArray, least: float = INDEPENDENT) -> FloatArray:

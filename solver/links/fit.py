@@ -47,7 +47,7 @@ from jointstiff.solver.mechanics.block import spring_frames
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.mechanics.springs import BASE, entries, weights
+from jointstiff.solver.mechanics.springs import BASE, triangle_indices, triangle_weights
 from jointstiff.solver.messages import point
 
 
@@ -128,7 +128,7 @@ def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -
     refused = (
         (settings.method != "partial_pose", "method", "use method partial_pose"),
         (settings.weighting != "covariance", "weighting", "use weighting covariance"),
-        (not positive, "stiffness_bounds", "omit `stiffness_bounds`, and leave `non_negative` true"),
+        (not positive, "stiffness_bounds", "omit `stiffness_bounds`, and leave `positive` true"),
         (bool(settings.order), "stiffness_order", "omit `stiffness_order`"),
         (settings.prior is not None, "priors", "omit `priors`"),
         (measurements.encoders is not None, "encoder_readings", "omit the encoder readings"),
@@ -359,13 +359,13 @@ def build_effective_rows(robot: Robot, columns: ElasticColumns) -> FloatArray:
     rows = np.zeros((columns.n, columns.width))
     rows[np.arange(columns.n), columns.joints] = 1.0
     rows[np.arange(columns.n), columns.coupling[find_diagonal_entries(columns.n)]] = 1.0
-    i, j = entries(6)
+    i, j = triangle_indices(6)
     placed = spring_frames(Postures(robot, np.zeros((1, columns.n))))[0][0]
     moved = {frame: (frame, robot.axes[frame]) for frame in columns.links}
     for frame, (joint, own) in (moved | {BASE: (0, placed[0] @ robot.axes[0])}).items():
         along_or_about = (own, np.zeros(3))
         axis = np.concatenate(along_or_about if robot.prismatic[joint] else along_or_about[::-1])
-        rows[joint, columns.link(frame)] = axis[i] * axis[j] * weights(6)
+        rows[joint, columns.link(frame)] = axis[i] * axis[j] * triangle_weights(6)
     return rows
 
 

@@ -42,15 +42,15 @@ from jointstiff.solver.estimation.method import DEFAULT_THRESHOLD
 from jointstiff.solver.estimation.problem import Bounds, IdentificationProblem
 from jointstiff.solver.estimation.solution import solve_step
 from jointstiff.solver.estimation.triangle import Triangle, compute_triangular_factor
-from jointstiff.solver.mechanics.block import RegressorBlock, Term, regressor_blocks, rows_of
+from jointstiff.solver.mechanics.block import RegressorBlock, Term, build_rows, regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import (
     BASE,
     COUPLED_JOINTS,
     JOINTS,
-    entries,
-    links_behind,
+    build_links_term,
+    triangle_indices,
 )
 
 MOST_JOINTS = 12
@@ -114,7 +114,7 @@ class ElasticColumns:
     @property
     def terms(self) -> tuple[Term, ...]:
         """Return the terms of all columns, in their order."""
-        return JOINTS, COUPLED_JOINTS, links_behind(self.frames)
+        return JOINTS, COUPLED_JOINTS, build_links_term(self.frames)
 
     def link(self, frame: int) -> IndexArray:
         """(21,) columns of the compliance C_i of the link behind a joint, or of the `BASE`."""
@@ -221,7 +221,7 @@ def elastic_blocks(
     """Yield blocks of observations, each with rows (B, T, 3, P + 1): columns of the model, then readings."""
     for start in range(0, len(measurements), _BLOCK):
         for block in regressor_blocks(robot, measurements[start : start + _BLOCK]):
-            yield block, rows_of(block, columns.terms, np.zeros(robot.n)).targets
+            yield block, build_rows(block, columns.terms, np.zeros(robot.n)).targets
 
 
 MODELS: Final[tuple[ModelName, ...]] = (
@@ -288,7 +288,7 @@ class ElasticModel:
         """
         turning = np.sqrt(2.0 / 3.0) * lever
         if self.name == "coupled_joints":
-            rows, columns = entries(self.columns.n)
+            rows, columns = triangle_indices(self.columns.n)
             yield (
                 self.columns.coupling[determined[rows] & determined[columns]],
                 turning[:BASE][determined],
@@ -501,7 +501,7 @@ def formulate(
     scalars, blocks, sizes = [(joints, size / norms[joints])], [], []
     for columns, root, full in model.elements(determined, lever):
         if full:
-            i, j = entries(len(root))
+            i, j = triangle_indices(len(root))
             blocks.append((columns, scale / (root[i] * root[j])))
             sizes.append(len(root))
         else:

@@ -1,1 +1,1 @@
-"""The loaded robot: its kinematics, what was read of it, and terms, all that can move a target."""
+"""Mechanics of the loaded robot: kinematics, measurements, and terms, the causes that can move a target."""

@@ -28,7 +28,7 @@ class DisplacedAxis:
 
     @classmethod
     def differentiate(
-        cls, postures: Postures, joint: int, across: FloatArray, turned: FloatArray
+        cls, postures: Postures, joint: int, across: FloatArray, joint_motion: FloatArray
     ) -> DisplacedAxis:
         """Differentiate the kinematics with respect to small displacements of a joint's axis.
 
@@ -37,41 +37,46 @@ class DisplacedAxis:
             joint: index of the joint.
             across: (6, k) displacements of the axis: translations along, then rotations about the axes of
                 the joint's frame.
-            turned: (B, n, k) motion of the joints that each displacement causes [rad or m].
+            joint_motion: (B, n, k) change of the joint positions that each displacement causes [rad or m].
         """
         S = postures.jacobian
-        by_joints = S[..., None] * turned[:, None]  # (B, 6, n, k)
+        by_joints = S[..., None] * joint_motion[:, None]  # (B, 6, n, k) motion due to each joint
         carried = np.cumsum(by_joints, axis=2)
-        moved = carried - by_joints  # motion of each axis because of the joints before it
+        axis_motion = carried - by_joints  # motion of each axis because of the joints before it
         behind = postures.axis_motions[:, joint] @ across
-        moved[:, :, joint] += postures.placement_motions[:, joint] @ across
-        moved[:, :, joint + 1 :] += behind[:, :, None]
-        v, w, by_v, by_w = S[:, :3, :, None], S[:, 3:, :, None], moved[:, :3], moved[:, 3:]
+        axis_motion[:, :, joint] += postures.placement_motions[:, joint] @ across
+        axis_motion[:, :, joint + 1 :] += behind[:, :, None]
+        # In the module's formula, v and w are the parts of S_k, by_v and by_w those of the motion u.
+        v, w, by_v, by_w = S[:, :3, :, None], S[:, 3:, :, None], axis_motion[:, :3], axis_motion[:, 3:]
         return cls(
             linear=np.cross(by_w, v, axis=1) + np.cross(by_v, w, axis=1),
             angular=np.cross(by_w, w, axis=1),
             flange=carried[:, :, -1] + behind,
         )
 
-    def at(self, points: FloatArray) -> FloatArray:
+    def differentiate_points(self, points: FloatArray) -> FloatArray:
         """Return the derivative (B, T, 3, k) [m per unit] of points (B, T, 3) [m, R0] fixed to the flange."""
-        v, w = self.flange[:, None, :3], self.flange[:, None, 3:]
+        v, w = self.flange[:, None, :3], self.flange[:, None, 3:]  # velocity at R0's origin, and rotation
         return np.asarray(v + np.cross(w, points[..., None], axis=2))
 
 
-def differentiate_torque(block: RegressorBlock, at: Postures, joint: int, across: FloatArray) -> FloatArray:
+def differentiate_torque(
+    block: RegressorBlock, postures: Postures, joint: int, across: FloatArray
+) -> FloatArray:
     """Return the derivative (B, n, k) of the load's joint torques with respect to displacements of an axis.
 
-    The joints rest in the postures `at`. `across` (6, k) holds the displacements of the axis of `joint`:
-    translations along, then rotations about the axes of the joint's frame.
+    The joints do not move out of the B postures. `across` (6, k) holds the displacements of the axis of
+    `joint`: translations along, then rotations about the axes of the joint's frame.
     """
-    part, still = block.measurements, np.zeros((*at.q.shape, across.shape[1]))
-    place = at.to_base(part.load_point[:, None])
-    moved = DisplacedAxis.differentiate(at, joint, across, still)
+    part, no_motion = block.measurements, np.zeros((*postures.q.shape, across.shape[1]))
+    place = postures.to_base(part.load_point[:, None])
+    moved_axes = DisplacedAxis.differentiate(postures, joint, across, no_motion)
     force, moment = part.force, part.moment + np.cross(place[:, 0], part.force)
-    by_lever = np.cross(moved.at(place)[:, 0], force[..., None], axis=1)  # (B, 3, k)
-    torque = np.einsum("binm,bi->bnm", moved.linear, force) + np.einsum("binm,bi->bnm", moved.angular, moment)
-    return np.asarray(torque + np.einsum("bin,bim->bnm", at.angular_jacobian, by_lever))
+    by_lever = np.cross(moved_axes.differentiate_points(place)[:, 0], force[..., None], axis=1)  # (B, 3, k)
+    torque = np.einsum("binm,bi->bnm", moved_axes.linear, force) + np.einsum(
+        "binm,bi->bnm", moved_axes.angular, moment
+    )
+    return np.asarray(torque + np.einsum("bin,bim->bnm", postures.angular_jacobian, by_lever))
 
 
 def differentiate_deflection(
@@ -81,37 +86,44 @@ def differentiate_deflection(
 
     With the complementary stiffness K_c, torques change by ``dτ = (I − K_c diag(c))⁻¹ ∂τ`` in the loaded
     posture, and the posture half-way between unloaded and loaded turns by ``c ∘ dτ / 2``. Targets keep the
-    place in R0 where they were read, or the place on the flange where that is known.
+    place in R0 where they were read, or, if their place on the flange is known, that place.
 
     Args:
         block: B observations of T targets.
         compliance: (n,) compliances c of the joints [rad/(N·m)].
         joint: index of the joint.
-        across: (6, k) displacements of the axis: translations along, then rotations about the joint's frame.
+        across: (6, k) displacements of the axis: translations along, then rotations about the axes of the
+            joint's frame.
 
     Returns:
         The derivatives with respect to k displacements: of the targets' deflections (B, T, 3, k) [m per
         unit], and of the joint torques (B, n, k) [N·m per unit].
     """
-    part, postures, own = block.measurements, block.postures, block.compliance
+    part, postures, balanced = block.measurements, block.postures, block.compliance
     on_flange = part.in_flange[..., None, None]
-    if own is None:
+    if balanced is None:  # the block neglects the complementary stiffness
         torque = differentiate_torque(block, postures, joint, across)
-        moved = DisplacedAxis.differentiate(postures, joint, across, 0.0 * torque)
-        points = np.where(on_flange, moved.at(block.points), 0.0)
+        moved_axes = DisplacedAxis.differentiate(postures, joint, across, 0.0 * torque)
+        points = np.where(on_flange, moved_axes.differentiate_points(block.points), 0.0)
     else:
         unloaded = unloaded_postures(block.robot, part)
-        loaded = Postures(block.robot, unloaded.q + own * block.torque)
+        loaded = Postures(block.robot, unloaded.q + balanced * block.torque)
         load_jacobian, _ = loaded.load(part.load_point, part.force, part.moment)
         stiffness = wrench_stiffness(loaded.angular_jacobian, load_jacobian, part.force, part.moment)
-        stays = differentiate_torque(block, loaded, joint, across)
-        torque = np.asarray(np.linalg.solve(np.eye(len(own)) - stiffness * own, stays))
-        moved = DisplacedAxis.differentiate(postures, joint, across, 0.5 * own[:, None] * torque)
-        read = DisplacedAxis.differentiate(unloaded, joint, across, 0.0 * torque).at(part.position)
+        direct = differentiate_torque(block, loaded, joint, across)  # ∂τ, joints at rest
+        torque = np.asarray(np.linalg.solve(np.eye(len(balanced)) - stiffness * balanced, direct))
+        moved_axes = DisplacedAxis.differentiate(postures, joint, across, 0.5 * balanced[:, None] * torque)
+        read = DisplacedAxis.differentiate(unloaded, joint, across, 0.0 * torque).differentiate_points(
+            part.position
+        )
         turn = postures.flange_rotation @ unloaded.flange_rotation.mT
-        points = moved.at(block.points) - np.where(on_flange, 0.0, turn[:, None] @ read)
+        points = moved_axes.differentiate_points(block.points) - np.where(
+            on_flange, 0.0, turn[:, None] @ read
+        )
     turns = compliance * block.torque  # (B, n)
-    linear, angular = (np.einsum("binm,bn->bim", each, turns) for each in (moved.linear, moved.angular))
+    linear, angular = (
+        np.einsum("binm,bn->bim", each, turns) for each in (moved_axes.linear, moved_axes.angular)
+    )
     rotation = np.einsum("bin,bn->bi", postures.angular_jacobian, turns)
     change = linear[:, None] + np.cross(angular[:, None], block.points[..., None], axis=2)
     change += np.cross(rotation[:, None, :, None], points, axis=2)

@@ -1,4 +1,4 @@
-"""Blocks of observations with their exact balance, and terms: what can move a target, as columns.
+"""Blocks of observations with their exact balance, and terms: causes that can move a target, as columns.
 
 A block holds kinematics, loads and regressors of some observations (method.md §2, §9, §13), so few that
 memory stays flat however many there are. From it every term makes the columns by which its unknowns move the
@@ -28,10 +28,11 @@ _STEPS: Final = 20
 _LAST_STEP: Final = 1e-8
 """Step [rad] after which Newton's method ends: the error left is half its square, 1e-16 m at arm's reach."""
 _LARGEST_DEFLECTION: Final = 1.0
-"""Deflection of a joint [rad] beyond which a balance may be another than the one near the posture."""
+"""Deflection of a joint [rad] beyond which a balance may not be the balance near the unloaded posture."""
 _SMALL: Final = 0.1
 """Share of the stiffness that a load takes away, up to which a series is quicker than elimination."""
 _ROUNDING: Final = 1e-17
+"""Size of a term of the series that is negligible next to 1."""
 
 
 STANDARD_GRAVITY: FloatArray = np.array([0.0, 0.0, -9.80665])
@@ -73,6 +74,7 @@ class OwnWeight:
         """
         count, n = postures.q.shape
         torque, stiffness = np.empty((count, n)), np.empty((count, n, n))
+        # Each entry has joints (rows of the torque), and the masses and centres for these joints' torques.
         models = [(slice(None), self.mass, self.centre)]
         if self.mass.ndim > 1:
             models = [(slice(j, j + 1), self.mass[j], self.centre[j]) for j in range(n)]
@@ -124,17 +126,17 @@ def find_balance(
     Raises:
         RequestError: a load has no stable equilibrium near the unloaded posture.
     """
-    rest: FloatArray | float = 0.0
+    unloaded_weight: FloatArray | float = 0.0  # g(q), by which the own weight already bends the arm
     if weight is not None and not weight.absolute:
-        rest = weight.torque_and_stiffness(robot, unloaded)[0]
+        unloaded_weight = weight.torque_and_stiffness(robot, unloaded)[0]
     loaded = near
     for _ in range(_STEPS):
         deflection = loaded.q - unloaded.q
         jacobian, torque = loaded.load(cases.load_point, cases.force, cases.moment)
         stiffness = wrench_stiffness(loaded.angular_jacobian, jacobian, cases.force, cases.moment)
         if weight is not None:
-            own, own_stiffness = weight.torque_and_stiffness(robot, loaded)
-            torque, stiffness = torque + own - rest, stiffness + own_stiffness
+            weight_torque, weight_stiffness = weight.torque_and_stiffness(robot, loaded)
+            torque, stiffness = torque + weight_torque - unloaded_weight, stiffness + weight_stiffness
         softening = compliance[:, None] * stiffness
         residual = compliance * torque - deflection
         softened = _invert_softening(softening)
@@ -164,18 +166,18 @@ def wrench_stiffness(
         The stiffness K_c (B, n, n) [N·m/rad].
     """
     axes, v = axes.transpose(1, 2, 0), load_jacobian.transpose(1, 2, 0)
-    pull, n = cross(force.T[:, None], axes), axes.shape[1]
+    force_cross_axes, n = cross(force.T[:, None], axes), axes.shape[1]
     stiffness = np.empty((n, *axes.shape[1:]))
     for j in range(n):
-        stiffness[j:, j] = stiffness[j, j:] = np.einsum("in,ikn->kn", pull[:, j], v[:, j:])
+        stiffness[j:, j] = stiffness[j, j:] = np.einsum("in,ikn->kn", force_cross_axes[:, j], v[:, j:])
     if moment.any():
-        turned = np.einsum("ijn,ikn->jkn", axes, cross(moment.T[:, None], axes))
-        stiffness += np.tri(n, k=-1)[..., None] * turned
+        moment_terms = np.einsum("ijn,ikn->jkn", axes, cross(moment.T[:, None], axes))
+        stiffness += np.tri(n, k=-1)[..., None] * moment_terms  # only joints k before j turn the axis a_j
     return stiffness.transpose(2, 0, 1)
 
 
 def _invert_softening(softening: FloatArray) -> FloatArray:
-    """Return ``(I − E)⁻¹`` for matrices E (B, n, n); small ones use the series ``(I + E)(I + E²)(I + E⁴)…``.
+    """Return ``(I − E)⁻¹`` for matrices E (B, n, n); if all are small, by the series ``(I + E)(I + E²)…``.
 
     Raises:
         RequestError: a matrix is singular, so that a load case has no balance.
@@ -233,10 +235,10 @@ def _no_balance_error(case: int) -> RequestError:
 BLOCK_LENGTH = 3072
 """Observations per block: its arrays stay in the cache, and numpy's overhead is spread well."""
 
-_MOST_KEPT = 256
-"""Most observations of a set whose block is kept: a block takes 1 MB at most."""
-_BLOCKS_KEPT = 16
-"""Blocks of small sets that are kept in a process, those used last."""
+_MOST_CACHED = 256
+"""Most observations of a set whose block is cached: a block takes 1 MB at most."""
+_BLOCKS_CACHED = 16
+"""Number of blocks of small sets that a process caches: the blocks used last."""
 
 
 def spring_frames(postures: Postures) -> tuple[FloatArray, FloatArray]:
@@ -255,7 +257,7 @@ class RegressorBlock:
     """Regressors of B observations of T targets of a robot with n joints.
 
     Without a compliance, the configurations are the unloaded postures. With a compliance, they are half-way
-    between the unloaded and the loaded postures, and the torques are those of the loaded postures.
+    between the unloaded and the loaded postures, and the torques act in the loaded postures.
     """
 
     robot: Robot  #: n joints
@@ -325,10 +327,10 @@ def regressor_blocks(
 ) -> Iterator[RegressorBlock]:
     """Compute the regressors of the deflections, block by block.
 
-    With a compliance c they hold the complementary stiffness (method.md §2): A c is then the deflection of
-    the exact balance ``δθ = c ∘ τ(q + δθ)`` up to third order in δθ. Torques are those at q + δθ; Jacobians
-    and targets are those half-way, at q + δθ/2, where they are secants of the motion: between two poses the
-    rotation of the flange about its half-way axes moves each target by ``δφ × (its half-way lever)``.
+    With a compliance c the regressors include the complementary stiffness (method.md §2): A c is then the
+    deflection of the exact balance ``δθ = c ∘ τ(q + δθ)`` up to third order in δθ. Torques are those at
+    q + δθ. Jacobians and targets are those half-way, at q + δθ/2: the motion from q to q + δθ is a rotation
+    about the half-way axes, which moves each target by the rotation times the target's half-way lever.
 
     Args:
         robot: n joints.
@@ -350,38 +352,38 @@ def _compute_blocks_ahead(
     robot: Robot, measurements: Measurements, compliance: FloatArray | None
 ) -> Iterator[RegressorBlock]:
     """Yield blocks in order, while a thread computes the next block."""
-    before: Future[RegressorBlock] | None = None
-    with ThreadPoolExecutor(1) as ahead:
+    previous: Future[RegressorBlock] | None = None
+    with ThreadPoolExecutor(1) as thread:
         for start in range(0, len(measurements), BLOCK_LENGTH):
-            coming = ahead.submit(
+            coming = thread.submit(
                 _compute_block, robot, measurements[start : start + BLOCK_LENGTH], compliance
             )
-            if before is not None:
-                yield before.result()
-            before = coming
+            if previous is not None:
+                yield previous.result()
+            previous = coming
         yield coming.result()
 
 
 def whole_block(
     robot: Robot, measurements: Measurements, compliance: FloatArray | None = None
 ) -> RegressorBlock:
-    """Return the regressors of a whole set; those of a small set are kept for checks, fit and prediction."""
-    if len(measurements.joints) > _MOST_KEPT:
+    """Return the regressors of all observations as one block; blocks of small sets are cached."""
+    if len(measurements.joints) > _MOST_CACHED:
         return _compute_block(robot, measurements, compliance)
-    return _kept_block(robot, measurements, None if compliance is None else tuple(compliance.tolist()))
+    return _get_cached_block(robot, measurements, None if compliance is None else tuple(compliance.tolist()))
 
 
-@lru_cache(maxsize=_BLOCKS_KEPT)
-def _kept_block(
+@lru_cache(maxsize=_BLOCKS_CACHED)
+def _get_cached_block(
     robot: Robot, measurements: Measurements, compliance: tuple[float, ...] | None
 ) -> RegressorBlock:
-    """Return the regressors of a small set, computed once while they are among those used last."""
+    """Return the regressors of a small set from a cache of the blocks used last; compute if not there."""
     return _compute_block(robot, measurements, None if compliance is None else np.array(compliance))
 
 
 def unloaded_postures(robot: Robot, measurements: Measurements) -> Postures:
-    """Return the kinematics of a set's unloaded configurations; those of a small set are kept."""
-    if len(measurements.joints) > _MOST_KEPT:
+    """Return the kinematics of the unloaded configurations of a set; kinematics of small sets are cached."""
+    if len(measurements.joints) > _MOST_CACHED:
         return Postures(robot, robot.joint_map.model_angles(measurements.joints))
     return whole_block(robot, measurements).postures
 
@@ -437,7 +439,7 @@ def _assemble_block(
     points: FloatArray,
     part: Measurements,
 ) -> RegressorBlock:
-    """Build a block from its kinematics and torques; `points` (B, T, 3) are the targets in R0 [m]."""
+    """Build a block from kinematics and torques; `points` (B, T, 3) are the targets' places in R0 [m]."""
     jacobian = part.project_on_directions(postures.jacobian_at(points))
     A = np.multiply(jacobian, torque[:, None, None], order="C")
     if not part.present.all():
@@ -461,8 +463,8 @@ class Motion(NamedTuple):
     joints: FloatArray | None = None
 
 
-def nothing_stated(_: CommonUncertainty) -> tuple[float, ...]:
-    """Return no standard uncertainties, for a term whose uncertainty the readings never state."""
+def return_no_uncertainty(_: CommonUncertainty) -> tuple[float, ...]:
+    """Return no standard uncertainty, for a term whose uncertainty is never stated with the readings."""
     return ()
 
 
@@ -479,10 +481,10 @@ class Term:
     #: function that returns the motion per unit of its unknowns, at joint compliances (n,) [rad/(N·m)]
     motion: Callable[[RegressorBlock, FloatArray], Motion]
     #: function that returns the stated standard uncertainties, which repeat over the unknowns; may be empty
-    prior: Callable[[CommonUncertainty], tuple[float, ...]] = nothing_stated
+    prior: Callable[[CommonUncertainty], tuple[float, ...]] = return_no_uncertainty
     suspected: bool = False  #: whether it is tested as a cause of what the joints leave unexplained
     #: function that returns measurements with loads changed by the unknowns; None if targets move directly
-    under: Callable[[Robot, Measurements, FloatArray], Measurements] | None = None
+    change_loads: Callable[[Robot, Measurements, FloatArray], Measurements] | None = None
     nonnegative: bool = False  #: whether its unknowns cannot be negative
     words: str = ""  #: description of the cause for messages, with a place {} for its unknowns
     remedy: str = ""  #: what to check or to read to confirm the cause
@@ -511,7 +513,7 @@ class CorrectedMeasurements(Measurements):
 
     @classmethod
     def from_measurements(cls, measurements: Measurements, fitted: FittedErrors) -> CorrectedMeasurements:
-        """Return already corrected measurements, together with the errors that were fitted."""
+        """Attach the fitted errors to measurements that are already corrected for these errors."""
         return cls(
             **{each.name: getattr(measurements, each.name) for each in fields(Measurements)}, fitted=fitted
         )
@@ -524,14 +526,14 @@ def fitted_errors(measurements: Measurements) -> FittedErrors:
 
 def move_by_torque(block: RegressorBlock, compliance: FloatArray, torque: FloatArray) -> Motion:
     """Return the motion due to joint torques τ (B, n, k): ``J (c ∘ τ)`` of targets, ``c ∘ τ`` of joints."""
-    bent = compliance[:, None] * torque
-    return Motion(block.jacobian @ bent[:, None], bent)
+    joint_turns = compliance[:, None] * torque
+    return Motion(block.jacobian @ joint_turns[:, None], joint_turns)
 
 
-def rows_of(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray) -> Rows:
-    """Return the least-squares rows of a block: the columns of all terms, then the readings.
+def build_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray) -> Rows:
+    """Return the least-squares rows of a block: the columns of all terms, then a column of readings.
 
-    The columns of errors depend on the compliance (n,) of the joints [rad/(N·m)].
+    The columns of terms that are errors depend on the compliance (n,) of the joints [rad/(N·m)].
     """
     part = block.measurements
     motions = {term.name: term.motion(block, compliance) for term in terms}
@@ -551,13 +553,13 @@ def rows_of(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray
     return Rows(targets, np.where(part.encoders.present[..., None], encoders, 0.0), widths)
 
 
-def whitened_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray) -> Rows:
+def build_whitened_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray) -> Rows:
     """Return the least-squares rows of a block, whitened: the noise of each row has variance sigma².
 
     The deflection of an encoder is a difference of two readings, with variance 2 σ_e² (method.md §2), and
     shows how well its joint repeats.
     """
-    rows, part = rows_of(block, terms, compliance), block.measurements
+    rows, part = build_rows(block, terms, compliance), block.measurements
     encoders = rows.encoders
     if encoders is not None:
         encoders = encoders / np.hypot(np.sqrt(2.0) / part.encoder_lever, part.joint_scatter)

@@ -14,8 +14,8 @@ from jointstiff.solver.errors import RequestError
 class LoadCases:
     """B load cases: postures, loads and load points, and the places whose deflection is predicted.
 
-    Force and moment keep their size and direction in R0 while the load point moves with
-    the flange. Arrays are checked and made read-only.
+    Force and moment keep their size and direction in R0, while the load point moves with the flange. Arrays
+    are made read-only.
 
     Raises:
         RequestError: shapes disagree, a number is not finite, or there is no case.
@@ -31,7 +31,7 @@ class LoadCases:
         count = len(self.joints)
         for each in fields(self):
             array: FloatArray = getattr(self, each.name)
-            width = array.shape[-1] if each.name == "joints" else 3
+            width = array.shape[-1] if each.name == "joints" else 3  # any number of joints, else x, y, z
             if count == 0 or array.shape != (count, width) or not np.isfinite(array).all():
                 raise RequestError(
                     f"{each.name} needs finite numbers of shape {(count, width)}, but has shape "

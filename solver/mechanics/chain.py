@@ -79,9 +79,9 @@ class ChainJoint:
             array = np.array(getattr(self, field), dtype=np.float64)
             array.flags.writeable = False
             object.__setattr__(self, field, array)
-        skewness = np.abs(self.rotation @ self.rotation.T - np.eye(3)).max()
-        off = max(skewness, abs(np.linalg.norm(self.axis) - 1.0))
-        sound = off <= _UNIT_TOLERANCE and np.linalg.det(self.rotation) > 0.0
+        orthogonality_error = np.abs(self.rotation @ self.rotation.T - np.eye(3)).max()
+        error = max(orthogonality_error, abs(np.linalg.norm(self.axis) - 1.0))
+        sound = error <= _UNIT_TOLERANCE and np.linalg.det(self.rotation) > 0.0
         if not sound or not np.isfinite(self.translation).all():
             raise RobotError(
                 "the joint's frame is not a rotation, a finite translation and a unit axis",
@@ -117,7 +117,7 @@ class ChainJoint:
 
 @dataclass(frozen=True, eq=False)
 class KinematicChain:
-    """The joints from the base link to the flange link, in order, each carrying the next link.
+    """Chain of the joints from the base link to the flange link, in order, each carrying the next link.
 
     Raises:
         RobotError: a chain without moving joints, too many joints, duplicate or empty names.
@@ -149,6 +149,7 @@ class KinematicChain:
                     where="chain",
                 )
         links = (self.base, *(joint.child for joint in self.joints))
+        # Pinocchio finds joints and frames by name, so that a name must not occur twice.
         for what, names in (("joint", tuple(joint.name for joint in self.joints)), ("link", links)):
             name, count = Counter(names).most_common(1)[0]
             if count > 1:
@@ -176,6 +177,7 @@ class KinematicChain:
         The universe is R0, the frame of the base link. Frames of links behind a fixed joint are placed in the
         frame of the last moving joint; the frame of the flange is the last one.
         """
+        # `parent` is the last moving joint, `link` the last frame, `placement` the latter in the former.
         model, parent, placement = pin.Model(), 0, pin.SE3.Identity()
         model.name = self.name
         link = model.addBodyFrame(self.base, parent, placement, 0)
@@ -205,7 +207,9 @@ def _pinocchio_joint(joint: ChainJoint, placement: pin.SE3) -> tuple[object, ...
 
 
 def check_name(name: str, where: str) -> None:
-    """Refuse an empty or too long name, and invisible characters that make names look equal.
+    """Refuse a name that is empty or too long, or has invisible characters, which make names look equal.
+
+    `where` names the named object, such as "a joint", for the error.
 
     Raises:
         RobotError: the name is empty, longer than `MAX_NAME_LENGTH`, has control or other invisible
@@ -234,9 +238,9 @@ def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> Kinema
 
     The position q_i of a prismatic joint is a length: it is added to d_i instead of theta_i.
 
-    Joints are named joint_1, joint_2, …; links base (frame 0, R0), link_1, …, flange (frame n). The
-    links between have the origin and z of the joint that carries them: frame i in the modified,
-    frame i-1 in the standard convention, turned or shifted by the joint.
+    Joints are named joint_1, joint_2, …; links are named base (frame 0, R0), link_1, …, flange (frame n).
+    Link_i has the origin and the z axis of frame i in the modified convention, of frame i-1 in the standard
+    convention, turned or shifted by joint_i, which carries the link.
 
     Args:
         rows: 1 to `MAX_MOVING_JOINTS` rows, base first, in m and rad.
@@ -244,7 +248,7 @@ def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> Kinema
         name: name of the robot.
 
     Returns:
-        The chain: the rows' joints, and a fixed one to the flange.
+        The chain: a moving joint for each row, and a fixed joint to the flange.
 
     Raises:
         RobotError: too few or too many rows, or a number that is not finite or absurdly large.
@@ -255,7 +259,7 @@ def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> Kinema
     joints, z = [], np.array([0.0, 0.0, 1.0])
     before = pin.SE3.Identity()  # transforms of earlier rows that still precede the next joint
     for index, row in enumerate(rows):
-        limits = _checked_limits(row, f"model.rows[{index}]")
+        limits = _read_limits(row, f"model.rows[{index}]")
         # Rx(alpha) and Tx(a) commute, and so do Rz(theta) and Tz(d)
         about_x = pin.SE3(pin.utils.rotate("x", row.alpha), np.array([row.a, 0.0, 0.0]))
         if convention == "modified":
@@ -263,8 +267,8 @@ def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> Kinema
         else:  # joint i moves about or along z of frame i-1: row i-1 after its joint precedes joint i
             place = before * _about_z(row.theta, 0.0)
             before = _about_z(0.0, row.d) * about_x
-        own, link = f"joint_{index + 1}", f"link_{index + 1}"
-        joints.append(ChainJoint(own, row.kind, place.rotation, place.translation, z, limits, link))
+        joint, link = f"joint_{index + 1}", f"link_{index + 1}"
+        joints.append(ChainJoint(joint, row.kind, place.rotation, place.translation, z, limits, link))
     joints.append(ChainJoint("joint_flange", "fixed", before.rotation, before.translation, z, None, "flange"))
     return KinematicChain(name=name, base="base", flange="flange", joints=tuple(joints))
 
@@ -274,7 +278,7 @@ def _about_z(angle: float, length: float) -> pin.SE3:
     return pin.SE3(pin.utils.rotate("z", angle), np.array([0.0, 0.0, length]))
 
 
-def _checked_limits(row: DhRow, where: str) -> tuple[float, float] | None:
+def _read_limits(row: DhRow, where: str) -> tuple[float, float] | None:
     """Check the numbers of a table's row, and return its joint's limits [rad or m]; None without limits.
 
     Raises:

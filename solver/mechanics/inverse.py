@@ -1,4 +1,4 @@
-"""Inverse kinematics of arms with six revolute joints: all branches, and the one that a path follows.
+"""Inverse kinematics of arms with six revolute joints: all branches, and the branch that a path follows.
 
 Prismatic joints, such as a rail below the arm, stand still; the arm is the robot's other joints. All branches
 are found in closed form (EAIK) and made exact by Newton steps. EAIK finds how a chain decomposes into
@@ -30,13 +30,13 @@ _REACHED: Final = 1e-10
 """Distance [m] and angle [rad] from a pose within which it counts as reached."""
 _LAST_STEP: Final = 1e-6
 """Step of Newton's method [rad] after which the error is rounding: its square times an arm's reach."""
-_SNAP: Final = 1e-2
+_NOT_DESIGNED: Final = 1e-2
 """Components of an axis, and of a step between axes [m], below which they are put to zero as not designed."""
 _POLISHED_AT_ONCE: Final = 4096
 """Postures that are polished at a time: what a cache holds."""
 _DAMPING: Final = 1e-12
-_ONE: Final = 1e-3
-"""Difference [rad] below which two solutions count as one."""
+_SAME_SOLUTION: Final = 1e-3
+"""Difference [rad] below which two solutions count as the same solution."""
 _SINGULAR: Final = 2e-3
 """Least singular value up to which branches cannot be distinguished."""
 _LEAST_STEP: Final = 1.0 / 1024.0
@@ -48,9 +48,9 @@ _TOLERANCE: Final = 1e-4
 """Angle by which a stated range or a joint's limit may be missed [rad]: programs are rounded."""
 _NEAR_SINGULAR: Final = 0.04
 """Least singular value of a solution up to which another solution close by may be missing."""
-_AHEAD: Final = 4096
+_POSES_AT_ONCE: Final = 4096
 """Poses of a path whose solutions are held at a time."""
-_RUN: Final = 256
+_LONGEST_RUN: Final = 256
 """Poses along which a branch is followed at a time."""
 
 
@@ -59,7 +59,7 @@ class InverseKinematics:
 
     Attributes:
         arm: robot without its prismatic joints, with six revolute joints; angles (..., 6) are of this arm.
-        turning: (6,) indices of the revolute joints among the robot's joints.
+        revolute: (6,) indices of the revolute joints among the robot's joints.
     """
 
     def __init__(self, robot: Robot, held: FloatArray | None = None) -> None:
@@ -74,11 +74,11 @@ class InverseKinematics:
             RobotError: the robot does not have six revolute joints, the position of a prismatic joint is not
                 known, or no closed-form solution is known.
         """
-        self._found_by = robot, held
-        self.turning = np.flatnonzero(~robot.prismatic)
-        if len(self.turning) != _JOINTS:
+        self._arguments = robot, held
+        self.revolute = np.flatnonzero(~robot.prismatic)
+        if len(self.revolute) != _JOINTS:
             remedy = "inverse kinematics needs an arm with six revolute joints"
-            count = f"{len(self.turning)} revolute joints" if robot.prismatic.any() else f"{robot.n} joints"
+            count = f"{len(self.revolute)} revolute joints" if robot.prismatic.any() else f"{robot.n} joints"
             raise RobotError(f"the robot has {count}", remedy=remedy, where="robot")
         self.arm, self._held, self._held_in_model = robot, np.zeros(robot.n), np.zeros(robot.n)
         if robot.prismatic.any():
@@ -103,10 +103,12 @@ class InverseKinematics:
         flange = Postures(robot, np.zeros((1, robot.n)))
         rotation, origin = flange.joint_frames
         axes = np.stack([R @ axis for R, axis in zip(rotation[0], robot.axes, strict=True)])
+        # Steps from R0 to the first joint, from each joint to the next, and to the flange [m].
         steps = np.diff(np.vstack([np.zeros(3), origin[0], flange.flange_translation]), axis=0)
+        # Try the identified chain first; if EAIK cannot solve this chain, try the chain as designed.
         for self._exact in (True, False):
             if not self._exact:  # remove the small deviations from design that identification found
-                axes, steps = (np.where(np.abs(each) < _SNAP, 0.0, each) for each in (axes, steps))
+                axes, steps = (np.where(np.abs(each) < _NOT_DESIGNED, 0.0, each) for each in (axes, steps))
                 axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
             self._solver = EAIK.Robot(axes.T, steps.T, flange.flange_rotation[0], [], True)
             if self._solver.has_known_decomposition():
@@ -118,12 +120,12 @@ class InverseKinematics:
         )
 
     def __reduce__(self) -> tuple[type[InverseKinematics], tuple[Robot, FloatArray | None]]:
-        """Pickle only the arguments: EAIK's decomposition cannot be pickled and is found again."""
-        return InverseKinematics, self._found_by
+        """Pickle the constructor's arguments only: EAIK's decomposition is found again when unpickled."""
+        return InverseKinematics, self._arguments
 
     def select_arm_joints(self, joints: FloatArray) -> FloatArray:
         """Select the arm's six joints from the positions of all joints (..., n); return (..., 6)."""
-        return joints if self.arm.n == len(self._held) else joints[..., self.turning]
+        return joints if self.arm.n == len(self._held) else joints[..., self.revolute]
 
     def insert_held_joints(self, angles: FloatArray, *, of_model: bool = False) -> FloatArray:
         """Return the positions (..., n) [rad or m] of all joints: the arm's, and prismatic joints at rest.
@@ -134,7 +136,7 @@ class InverseKinematics:
             return angles
         held = self._held_in_model if of_model else self._held
         joints = np.broadcast_to(held, (*angles.shape[:-1], len(held))).copy()
-        joints[..., self.turning] = angles
+        joints[..., self.revolute] = angles
         joints[np.isnan(angles[..., 0])] = np.nan
         return joints
 
@@ -174,11 +176,11 @@ class InverseKinematics:
             polished[~reached] = np.nan
             complete[case[~reached]] = False
             angles[case, branch] = polished
-            for i in range(1, BRANCHES):  # two equal solutions show that another one was not found
+            for i in range(1, BRANCHES):  # two equal solutions show that another solution was not found
                 gaps = compute_angle_gaps(angles[:, i:], angles[:, :-i])
-                complete &= ~(np.nan_to_num(gaps, nan=np.inf) < _ONE).any(axis=1)
-            sharp = self.least_singular_value(polished[reached]) < _SINGULAR
-            complete[case[reached][sharp]] = False
+                complete &= ~(np.nan_to_num(gaps, nan=np.inf) < _SAME_SOLUTION).any(axis=1)
+            singular = self.least_singular_value(polished[reached]) < _SINGULAR
+            complete[case[reached][singular]] = False
         return angles, complete
 
     def _solve_closed_form(self, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -212,10 +214,10 @@ class InverseKinematics:
         """
         step = np.abs(q - near).max(axis=1, initial=0.0)
         known = np.flatnonzero(np.isfinite(step))
-        sure = np.zeros(len(q), dtype=np.bool_)
+        is_same = np.zeros(len(q), dtype=np.bool_)
         least = self.least_singular_value(q[known])
-        sure[known] = (step[known] <= 0.5 * least) & (least > _SINGULAR)
-        return sure
+        is_same[known] = (step[known] <= 0.5 * least) & (least > _SINGULAR)
+        return is_same
 
     def least_singular_value(self, q: FloatArray) -> FloatArray:
         """Return the least singular value (m,) of the flange's Jacobian at angles (m, 6), in m and rad."""
@@ -233,17 +235,19 @@ class InverseKinematics:
             same branch with certainty.
         """
         begin, q = flange_poses(self.arm, near), near.copy()
-        covered, step = np.zeros(len(poses)), np.ones(len(poses))  # shares of the line
-        left = np.arange(len(poses))
-        while len(left):
-            share = np.minimum(covered[left] + step[left], 1.0)
-            angles, sure = self.refine(_poses_between(begin[left], poses[left], share), q[left])
-            sure &= self.is_same_branch(angles, q[left])
-            q[left[sure]] = angles[sure]
-            covered[left[sure]] = share[sure]
-            step[left] *= np.where(sure, 2.0, 0.5)
-            left = left[(covered[left] < 1.0) & (step[left] >= _LEAST_STEP)]
-        return q, covered >= 1.0
+        # Fractions of the line: the part that is already followed, and the length of the next step.
+        followed, step = np.zeros(len(poses)), np.ones(len(poses))
+        unfinished = np.arange(len(poses))
+        while len(unfinished):
+            fraction = np.minimum(followed[unfinished] + step[unfinished], 1.0)
+            there = _poses_between(begin[unfinished], poses[unfinished], fraction)
+            angles, sure = self.refine(there, q[unfinished])
+            sure &= self.is_same_branch(angles, q[unfinished])
+            q[unfinished[sure]] = angles[sure]
+            followed[unfinished[sure]] = fraction[sure]
+            step[unfinished] *= np.where(sure, 2.0, 0.5)  # a failed step is tried again at half the length
+            unfinished = unfinished[(followed[unfinished] < 1.0) & (step[unfinished] >= _LEAST_STEP)]
+        return q, followed >= 1.0
 
     def refine(self, poses: FloatArray, near: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Solve for poses (m, 4, 4) [m] using Newton's method, starting from the model's angles (m, 6) [rad].
@@ -258,27 +262,28 @@ class InverseKinematics:
         return q, reached
 
     def refine_from(self, poses: FloatArray, here: Postures) -> tuple[FloatArray, BoolArray]:
-        """Solve for poses (m, 4, 4) [m] using Newton's method, starting from computed kinematics `here`.
+        """Solve for poses (m, 4, 4) [m] using Newton's method, starting from the m postures `here`.
 
         Returns:
             The model's angles (m, 6) [rad], and a mask (m,) of the poses that are reached.
         """
         q, reached = here.q.copy(), np.zeros(len(here), dtype=np.bool_)
-        left = np.arange(len(here))
+        unfinished = np.arange(len(here))
         for step_number in range(_STEPS):
-            here = Postures(self.arm, q[left]) if step_number else here
-            gaps = np.empty((len(left), 6))  # displacement and rotation vector to the poses
-            gaps[:, :3] = poses[left, :3, 3] - here.flange_translation
-            gaps[:, 3:] = rotation_vectors(poses[left, :3, :3], here.flange_rotation)
+            here = Postures(self.arm, q[unfinished]) if step_number else here
+            gaps = np.empty((len(unfinished), 6))  # displacement and rotation vector to the poses
+            gaps[:, :3] = poses[unfinished, :3, 3] - here.flange_translation
+            gaps[:, 3:] = rotation_vectors(poses[unfinished, :3, :3], here.flange_rotation)
             jacobian = here.pose_jacobian_at(here.flange_translation[:, None])
             normal = jacobian @ jacobian.transpose(0, 2, 1) + _DAMPING * np.eye(6)
             step = (jacobian.transpose(0, 2, 1) @ np.linalg.solve(normal, gaps[..., None]))[..., 0]
-            rest = gaps - (jacobian @ step[..., None])[..., 0]
-            q[left] += step
-            near_enough = np.abs(rest).max(axis=1, initial=0.0) <= 0.5 * _REACHED
-            reached[left] = near_enough & (np.abs(step).max(axis=1, initial=0.0) <= _LAST_STEP)
-            left = left[~reached[left]]
-            if not len(left):
+            # Near singularities the damped step does not close the gap completely.
+            remaining_gaps = gaps - (jacobian @ step[..., None])[..., 0]
+            q[unfinished] += step
+            near_enough = np.abs(remaining_gaps).max(axis=1, initial=0.0) <= 0.5 * _REACHED
+            reached[unfinished] = near_enough & (np.abs(step).max(axis=1, initial=0.0) <= _LAST_STEP)
+            unfinished = unfinished[~reached[unfinished]]
+            if not len(unfinished):
                 break
         return q, reached
 
@@ -288,14 +293,18 @@ def flange_poses(robot: Robot, q: FloatArray) -> FloatArray:
     return Postures(robot, q).flange_pose
 
 
-def _poses_between(begin: FloatArray, end: FloatArray, share: FloatArray) -> FloatArray:
-    """Return poses (m, 4, 4) at shares (m,) in [0, 1] of straight lines and turns from `begin` to `end`."""
+def _poses_between(begin: FloatArray, end: FloatArray, fraction: FloatArray) -> FloatArray:
+    """Return poses (m, 4, 4) at fractions (m,) in [0, 1] of the motions from `begin` to `end`.
+
+    A motion shifts the origin along a straight line and turns about a fixed axis.
+    """
     poses = end.copy()
-    part = share[:, None]
-    poses[:, :3, 3] = (1.0 - part) * begin[:, :3, 3] + part * end[:, :3, 3]
+    column = fraction[:, None]
+    poses[:, :3, 3] = (1.0 - column) * begin[:, :3, 3] + column * end[:, :3, 3]
     turn = rotation_vectors(end[:, :3, :3], begin[:, :3, :3])
-    poses[:, :3, :3] = Rotation.from_rotvec(part * turn).as_matrix() @ begin[:, :3, :3]
-    return np.asarray(np.where(share[:, None, None] < 1.0, poses, end))
+    poses[:, :3, :3] = Rotation.from_rotvec(column * turn).as_matrix() @ begin[:, :3, :3]
+    # The end of a line is the given pose itself, without rounding.
+    return np.asarray(np.where(fraction[:, None, None] < 1.0, poses, end))
 
 
 class Unreached(IntEnum):
@@ -327,8 +336,8 @@ def choose_postures(
         poses: (m, 4, 4) poses of the flange in R0 [m]; ignored where angles are given.
         given: (m, 6) controller's angles of joint targets [rad]; NaN for poses.
         stated: (m, 6, 2) least and greatest controller's angles [rad]; ∓inf where nothing is stated.
-        tested: (m,) mask of poses for which the stated ranges decide; without a posture before, they always
-            do.
+        tested: (m,) mask of poses for which the stated ranges decide; the ranges also decide where no posture
+            before is known.
         start: (n,) controller's joint positions near the first pose [rad or m]; None if unknown.
 
     Returns:
@@ -336,7 +345,8 @@ def choose_postures(
         `Unreached`.
 
     Raises:
-        RobotError: the joint map lets a controller's angle depend on those of joints further out.
+        RobotError: the joint map lets a model joint depend on the controller's angle of a joint farther from
+            the base.
     """
     robot = inverse.arm
     if np.triu(robot.joint_map.matrix, 1).any():
@@ -347,15 +357,15 @@ def choose_postures(
         )
     joints, unreached = given.copy(), np.zeros(len(poses), dtype=np.intp)
     previous = None if start is None else inverse.select_arm_joints(start)
-    for begin in range(0, len(poses), _AHEAD):
-        block = slice(begin, begin + _AHEAD)
+    for begin in range(0, len(poses), _POSES_AT_ONCE):
+        block = slice(begin, begin + _POSES_AT_ONCE)
         choice = _PostureChoice(inverse, poses[block], given[block], stated[block], tested[block])
         previous = choice.follow(joints[block], unreached[block], previous)
     known: BoolArray = np.asarray(np.isfinite(joints).all(axis=1))
     angles = robot.joint_map.model_angles(np.where(known[:, None], joints, 0.0))
     low, high = robot.limits.T
-    outside = np.maximum(low - angles, angles - high).max(axis=1) > _TOLERANCE
-    unreached[known & outside & (unreached == Unreached.NO)] = Unreached.OUT_OF_LIMITS
+    beyond_limits = np.maximum(low - angles, angles - high).max(axis=1) > _TOLERANCE
+    unreached[known & beyond_limits & (unreached == Unreached.NO)] = Unreached.OUT_OF_LIMITS
     return inverse.insert_held_joints(joints), unreached
 
 
@@ -397,18 +407,18 @@ class _PostureChoice:
         Returns:
             The controller's angles (6,) of the last known posture [rad]; None if no posture is known.
         """
-        lost = self._posed & np.isnan(self._branches[:, :, 0]).all(axis=1)
-        unreached[lost] = Unreached.OUT_OF_REACH
-        path, at = np.flatnonzero(~lost), 0
+        out_of_reach = self._posed & np.isnan(self._branches[:, :, 0]).all(axis=1)
+        unreached[out_of_reach] = Unreached.OUT_OF_REACH
+        path, at = np.flatnonzero(~out_of_reach), 0
         while at < len(path):
             i = path[at]
-            if not self._posed[i]:
+            if not self._posed[i]:  # a joint target already has its angles
                 at += 1
             elif self._tested[i] or previous is None:
                 joints[i], unreached[i] = self.choose_as_stated(i, previous)
                 at += 1
-            else:
-                run = path[at : at + _RUN]
+            else:  # follow the branch along the poses up to the next joint target or tested pose
+                run = path[at : at + _LONGEST_RUN]
                 stop = np.flatnonzero(self._tested[run] | ~self._posed[run])
                 run = run[: stop[0]] if len(stop) else run
                 angles, unreached[i] = self.follow_nearest(run, previous)
@@ -423,7 +433,7 @@ class _PostureChoice:
         """Choose the solution of pose i within the stated ranges, the nearest to the posture before.
 
         Returns:
-            Controller's angles (6,) [rad], and `Unreached.NO` or the reason why they must not be used.
+            Controller's angles (6,) [rad], and `Unreached.NO` or the reason why the angles must not be used.
         """
         fits, angles = fit_to_ranges(self._robot, self._branches[i], self._stated[i], previous)
         found = angles[fits]
@@ -435,6 +445,7 @@ class _PostureChoice:
                 return found[0], Unreached.AMBIGUOUS
         chosen = found[0 if previous is None else np.argmin(np.abs(found - previous).max(axis=1))]
         if not self._complete[i]:
+            # Solutions may be missing; near a singularity a missing solution may be the nearer one.
             least = self._inverse.least_singular_value(self._robot.joint_map.model_angles(chosen[None]))
             return chosen, Unreached.NOT_FOLLOWED if least[0] < _NEAR_SINGULAR else Unreached.NO
         return chosen, Unreached.NO
@@ -456,18 +467,18 @@ class _PostureChoice:
             # The branch of the posture before may be missing among the solutions: follow it by Newton steps
             found, known = self._inverse.follow_branches(self._poses[run[:1]], here[None])
             return joint_map.controller_angles(found), Unreached.NO if known[0] else Unreached.NOT_FOLLOWED
-        kept = self._branches[run, b]  # (m, 6)
-        step = compute_angle_gaps(kept[1:], kept[:-1])
-        others = compute_angle_gaps(self._branches[run[1:]], kept[1:, None])
+        followed = self._branches[run, b]  # (m, 6) solutions on one branch
+        step = compute_angle_gaps(followed[1:], followed[:-1])
+        others = compute_angle_gaps(self._branches[run[1:]], followed[1:, None])
         others[:, b] = np.inf
         # A solution that is more than twice as far from all others as from the posture before is the nearest
         # to that posture, by the triangle inequality.
         sure = 2.0 * step < np.where(np.isnan(others), np.inf, others).min(axis=1)
-        few = np.flatnonzero(~self._complete[run[1:]])
-        sure[few] &= self._continues_branch(kept[1:][few], kept[:-1][few])
+        incomplete = np.flatnonzero(~self._complete[run[1:]])
+        sure[incomplete] &= self._continues_branch(followed[1:][incomplete], followed[:-1][incomplete])
         breaks = np.flatnonzero(~sure)
-        done = int(breaks[0]) + 1 if len(breaks) else len(run)
-        angles = np.unwrap(np.vstack([here, kept[:done]]), axis=0)[1:]
+        count = int(breaks[0]) + 1 if len(breaks) else len(run)
+        angles = np.unwrap(np.vstack([here, followed[:count]]), axis=0)[1:]
         return joint_map.controller_angles(angles), Unreached.NO
 
     def _continues_branch(self, angles: FloatArray, before: FloatArray) -> BoolArray:
@@ -475,9 +486,9 @@ class _PostureChoice:
         return self._inverse.is_same_branch(before + wrap_angles(angles - before), before)
 
 
-def compute_angle_gaps(angles: FloatArray, from_: FloatArray) -> FloatArray:
-    """Return the greatest joint-angle difference (...) [rad] of postures (..., 6), up to full turns."""
-    gaps = np.moveaxis(wrap_angles(angles - from_), -1, 0)
+def compute_angle_gaps(angles: FloatArray, reference: FloatArray) -> FloatArray:
+    """Return the greatest joint-angle difference (...) [rad] between postures (..., 6), up to full turns."""
+    gaps = np.moveaxis(wrap_angles(angles - reference), -1, 0)
     # With joints on the first axis, the maximum takes a tenth of the time.
     return np.asarray(np.abs(gaps, order="C").max(axis=0))
 
@@ -496,25 +507,27 @@ def fit_to_ranges(
 
     Args:
         robot: six revolute joints.
-        solutions: angles of the model [rad]; NaN where there is none.
+        solutions: angles of the model [rad]; NaN in rows without a solution.
         stated: (6, 2) least and greatest controller's angles [rad]; ∓inf where nothing is stated.
-        previous: (6,) controller's angles [rad], to which the nearest turns are chosen; None for zeros.
+        previous: (6,) controller's angles [rad]; of several angles in range, which differ by full turns, the
+            nearest to these is chosen. None for zeros.
 
     Returns:
         A mask (b,) of solutions with all angles in their ranges, and the controller's angles (b, 6) [rad].
     """
     matrix, offset, limits = robot.joint_map.matrix, robot.joint_map.offset, robot.limits
-    shown = np.zeros_like(solutions)
+    controller_angles = np.zeros_like(solutions)
     fits: BoolArray = np.asarray(np.isfinite(solutions).all(axis=1))
     near = np.zeros(len(offset)) if previous is None else previous
     for j in range(len(offset)):
-        turned = solutions[:, j, None] + _TURNS  # (b, 5) of the model
-        angle = (turned - offset[j] - (shown[:, :j] @ matrix[j, :j])[:, None]) / matrix[j, j]
-        outside = (turned < limits[j, 0] - _TOLERANCE) | (turned > limits[j, 1] + _TOLERANCE)
+        model_angle = solutions[:, j, None] + _TURNS  # (b, 5), by up to two turns either way
+        coupled = (controller_angles[:, :j] @ matrix[j, :j])[:, None]  # due to the joints before
+        angle = (model_angle - offset[j] - coupled) / matrix[j, j]
+        outside = (model_angle < limits[j, 0] - _TOLERANCE) | (model_angle > limits[j, 1] + _TOLERANCE)
         outside |= (angle < stated[j, 0] - _TOLERANCE) | (angle > stated[j, 1] + _TOLERANCE)
         cost = np.where(outside | np.isnan(angle), np.inf, np.abs(angle - near[j]))
         best = np.argmin(cost, axis=1)
         rows = np.arange(len(solutions))
         fits &= np.isfinite(cost[rows, best])
-        shown[:, j] = angle[rows, best]
-    return fits, shown
+        controller_angles[:, j] = angle[rows, best]
+    return fits, controller_angles

@@ -1,8 +1,9 @@
 """Measurements: arrays in SI units, checked once, that the identification reads, and their uncertainty.
 
-They may hold readings of secondary encoders (angles behind the gearboxes, before and under load), and errors
-that all observations share: of one load cell, one load hook, one set of reflectors. A laser tracker
-(method.md §3) measures a distance and two angles, with ``σ_r = a + b d`` in the line of sight and
+Measurements may include readings of secondary encoders (angles behind the gearboxes, before and under load),
+and uncertainties of errors that all observations share: of one load cell, one load hook, one set of
+reflectors. A laser tracker (method.md §3) measures a distance and two angles, with standard uncertainties
+``σ_r = a + b d`` in the line of sight and
 ``σ_t = c + e d`` across it, d the distance from the station: the covariance of a position turns with the line
 of sight and grows with the distance.
 """
@@ -43,7 +44,9 @@ class Instrument:
     transverse_per_distance: float  #: e [m/m]
 
     def covariance(self, places: FloatArray) -> FloatArray:
-        """Return the covariance of a reading: Σ = σ_t² I + (σ_r² − σ_t²) u uᵀ, u the line of sight.
+        """Return the covariance of a reading, Σ = σ_t² I + (σ_r² − σ_t²) u uᵀ.
+
+        σ_r and σ_t are the standard uncertainties along and across the line of sight u.
 
         Args:
             places: (..., 3) places of targets in R0 [m].
@@ -142,23 +145,23 @@ class DifferenceNoise:
         """
         total = unloaded + loaded
         trace = np.trace(total, axis1=-2, axis2=-1)
-        variance = np.average(trace, weights=coordinates) / 6.0
+        variance = np.average(trace, weights=coordinates) / 6.0  # of three coordinates, in two readings
         read = (coordinates > 0)[..., None, None]
         covariance = np.where(read, total / variance, ISOTROPIC_DIFFERENCE)
         return cls(float(np.sqrt(variance)), covariance)
 
     @classmethod
     def from_instrument(cls, instrument: Instrument, robot: Robot, plain: Measurements) -> DifferenceNoise:
-        """Return the noise of an instrument's measurements; `plain` are these without stated noise."""
+        """Return the noise of measurements by an instrument; `plain` are the measurements without noise."""
         return cls.from_positions(*position_covariances(instrument, robot, plain), plain.coordinates)
 
 
 def position_covariances(
     instrument: Instrument, robot: Robot, plain: Measurements
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the covariances (N, T, 3, 3) [m²] of unloaded and of loaded positions that an instrument read.
+    """Return the covariances (N, T, 3, 3) [m²] of the unloaded and of the loaded positions of an instrument.
 
-    Targets that are given in the flange frame are placed in R0 by the robot's model.
+    For targets that are given in the flange frame, the robot's model gives the places in R0.
     """
     places = plain.position
     if plain.in_flange.any():
@@ -169,39 +172,39 @@ def position_covariances(
 
 
 def fill_unread_places(places: FloatArray, present: BoolArray) -> FloatArray:
-    """Return places (N, T, 3), where each target that was not read has the place of one that was read.
+    """Return places (N, T, 3), with the first place that was read at all targets that were not read.
 
-    Covariances are computed for all targets, and any valid place serves for a target without reading.
+    Covariances are computed for all targets, and any valid place will do for a target without reading.
     """
     return np.where(present[..., None], places, places[present][0])
 
 
 def find_first_equal(keys: FloatArray) -> IndexArray:
     """Return, for each row of `keys` (N, k), the index (N,) of the first row with equal numbers."""
-    first: dict[bytes, int] = {}
-    # Adding zero turns negative zeros into positive zeros, whose bytes differ.
-    return np.array([first.setdefault(row.tobytes(), i) for i, row in enumerate(keys + 0.0)])
+    first_rows: dict[bytes, int] = {}
+    # Rows are compared by their bytes. Adding zero turns −0.0 into 0.0, whose bytes differ.
+    return np.array([first_rows.setdefault(row.tobytes(), i) for i, row in enumerate(keys + 0.0)])
 
 
 def refuse_invalid_covariance(covariance: FloatArray, present: BoolArray, field: str) -> None:
-    """Refuse matrices that are not symmetric and positive definite within rounding.
+    """Refuse covariance matrices that are not symmetric and positive definite within rounding.
 
     Args:
-        covariance: (N, T, 3, 3) covariances of readings [any unit].
+        covariance: (N, T, 3, 3) covariances of readings, in any unit.
         present: (N, T) mask of the readings to check.
         field: name of the field with the covariance, for the error.
 
     Raises:
         MeasurementError: a matrix is not a covariance; the error names the first such reading.
     """
-    skew = np.abs(covariance - covariance.mT).max(axis=(-1, -2))
+    asymmetry = np.abs(covariance - covariance.mT).max(axis=(-1, -2))
     values = np.linalg.eigvalsh(covariance)
     good = (values[..., 0] * LARGEST_CONDITION > values[..., -1]) & (values[..., 0] > 0.0)
-    good &= skew <= 1e-9 * np.abs(values).max(axis=-1)
+    good &= asymmetry <= 1e-9 * np.abs(values).max(axis=-1)
     bad = np.argwhere(present & ~good)
     if len(bad):
         i, t = bad[0].tolist()
-        position = int(present[i, :t].sum())
+        position = int(present[i, :t].sum())  # the request lists only targets that were read
         raise MeasurementError(
             "the covariance matrix is not symmetric and positive definite",
             where=f"observations[{i}].readings[{position}].{field}",
@@ -309,8 +312,8 @@ EXACT: Final = CommonUncertainty()
 def project_on_directions(direction: FloatArray | None, motion: FloatArray) -> FloatArray:
     """Project motions of targets on the directions of readings along one direction; keep all other motions.
 
-    A reading along n is the least-squares row ``nᵀ δp``. Three rows ``n nᵀ δp`` with isotropic noise have the
-    same square, so that such readings can be handled like vectors (method.md §3).
+    A reading along n is the least-squares row ``nᵀ δp``. The three rows ``n nᵀ δp`` with isotropic noise have
+    the same sum of squares, so that readings along a direction are handled like vectors (method.md §3).
 
     Args:
         direction: (N, T, 3) unit vectors, zero for readings of all three coordinates; None if no reading is
@@ -324,8 +327,8 @@ def project_on_directions(direction: FloatArray | None, motion: FloatArray) -> F
         return motion
     columns = motion.reshape(*direction.shape, -1)
     along = direction[..., None] * (direction[..., None, :] @ columns)
-    full = np.asarray(~direction.any(axis=-1))
-    return np.where(full[..., None, None], columns, along).reshape(motion.shape)
+    is_vector = np.asarray(~direction.any(axis=-1))
+    return np.where(is_vector[..., None, None], columns, along).reshape(motion.shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -433,9 +436,10 @@ class Measurements:
 
     @property
     def encoder_lever(self) -> float:
-        """Lever [m] by which an encoder's deflection is weighted like that of a target; 0 without encoders.
+        """Lever [m] that turns an encoder's deflection into that of a target; 0 without encoders.
 
-        A target on that lever moves by ``lever · δθ``, and determines the joint as well as the encoder does.
+        A target at this distance from the joint's axis moves by ``lever · δθ``, and determines the joint's
+        angle as precisely as the encoder does.
         """
         return 0.0 if self.encoders is None or self.sigma is None else self.sigma / self.encoders.sigma
 
@@ -453,7 +457,7 @@ class Measurements:
         return len(self.joints)
 
     def place(self, row: int) -> str:
-        """Return the name in messages of the observation with this index: ``observations[3] '4'``."""
+        """Return how messages name the observation with this index, such as ``observations[3] '4'``."""
         return f"observations[{row}] '{self.labels[row]}'"
 
     @property
@@ -494,14 +498,16 @@ class Measurements:
 
     def __getitem__(self, rows: slice | IndexArray) -> Measurements:
         """Return the measurements of the selected observations, in the given order."""
-        parts = {name: getattr(self, name)[rows] for name in self._row_shapes}
+        arrays = {name: getattr(self, name)[rows] for name in self._row_shapes}
         encoders = None if self.encoders is None else self.encoders[rows]
         labels = tuple(self.labels[i] for i in np.arange(len(self))[rows].tolist())
-        return replace(self, **parts, encoders=encoders, labels=labels)
+        return replace(self, **arrays, encoders=encoders, labels=labels)
 
 
 def _names_or_numbers(where: str, names: tuple[str, ...], count: int) -> tuple[str, ...]:
-    """Return `names`, or "1", "2", … up to `count` if `names` is empty.
+    """Return `names`, or the numbers "1", "2", … up to `count` if `names` is empty.
+
+    `where` is what is named, "labels" or "targets", for the error.
 
     Raises:
         MeasurementError: the number of names is not `count`.
@@ -519,7 +525,7 @@ def check_array(name: str, array: npt.NDArray[np.generic], shape: tuple[int, ...
     """Check the shape of an array and that its numbers are finite, and make it read-only.
 
     Raises:
-        MeasurementError: the shape is another, or a number is not finite; the error names the array.
+        MeasurementError: the array has another shape, or a number is not finite; the error names the array.
     """
     if array.shape != shape:
         raise MeasurementError(

@@ -32,14 +32,14 @@ class Postures:
     q: FloatArray  #: (N, n) positions of the model's joints [rad or m]
 
     def __init__(self, robot: Robot, q: FloatArray) -> None:
-        """Check the positions.
+        """Check the joint positions; kinematics are computed later, when needed.
 
         Args:
             robot: the robot, n joints.
             q: (N, n) positions of the model's joints [rad or m].
 
         Raises:
-            MeasurementError: if q has another shape or is not finite.
+            MeasurementError: q has another shape, or a number that is not finite.
         """
         q = np.ascontiguousarray(q, dtype=np.float64)
         if q.ndim != 2 or q.shape[1] != robot.n or not np.isfinite(q).all():
@@ -57,7 +57,7 @@ class Postures:
         jacobian, rotation = np.empty((count, 6, last)), np.empty((count, 3, 3))
         translation = np.empty((count, 3))
         data = model.createData()  # own results, so that threads do not share them
-        J, place = data.J.reshape(6, last), data.oMi[last]  # (6,) of one joint
+        J, place = data.J.reshape(6, last), data.oMi[last]  # Pinocchio's J of one joint has shape (6,)
         R, t = place.rotation, place.translation  # like J, views of results that each call computes anew
         for i, q in enumerate(in_configuration_space(model, self.q)):
             pin.computeJointJacobians(model, data, q)
@@ -106,17 +106,20 @@ class Postures:
     def axis_motions(self) -> FloatArray:
         """Derivative (N, n, 6, 6) of the motion behind a joint with respect to the joint's axis alone.
 
-        The joint's frame moves before the joint turns, and moves back behind it, so that at position zero of
-        the joint nothing else moves. Rows and columns are as in `placement_motions`.
+        The axis moves, but at position zero of the joint everything behind the joint stays in place. Entry
+        [:, j] belongs to joint j. Columns are translations along, then rotations about the axes of the
+        joint's frame [m, rad]; rows are the velocity of the point in the origin of R0 [m], then the rotation
+        [rad], in R0.
         """
         return np.asarray(self.placement_motions - frame_motions(*self.joint_frames))
 
     @cached_property
     def weight_levers(self) -> FloatArray:
-        """Torques (N, n, n, 4, 3) on joint j from the mass of link l, under unit gravity along axes of R0.
+        """Torques (N, n, n, 4, 3) on joint j by the mass of link l, under gravity of 1 m/s² along axes of R0.
 
-        The four columns are torques of 1 kg at the origin of the link's frame, then of a first moment of
-        1 kg·m along each axis of the frame; zero where l < j.
+        Index 1 is the joint j, index 2 the link l; torques are zero where l < j. The four entries are torques
+        of 1 kg at the origin of the link's frame, then of a first moment of 1 kg·m along each axis of the
+        frame. The last index is the axis of R0 along which gravity acts.
         """
         (count, n), joints = self.q.shape, in_configuration_space(self._robot.model, self.q)
         levers = np.empty((count, n, n, 4, 3))
@@ -125,7 +128,9 @@ class Postures:
             model.gravity.linear = gravity
             data, still = model.createData(), np.zeros(model.nv)
             for i, q in enumerate(joints):
+                # Pinocchio returns torques that hold the masses: those of the masses are opposite.
                 holding = pin.computeJointTorqueRegressor(model, data, q, still, still)
+                # Each link has ten inertial parameters; the first four are mass and first moments.
                 levers[i, ..., axis] = -holding.reshape(n, n, 10)[..., :4]
         return levers
 
@@ -169,10 +174,10 @@ class Postures:
         return len(self.q)
 
     def jacobian_at(self, points: FloatArray) -> FloatArray:
-        """Return the velocity Jacobian J_v of points that are fixed to the flange (method.md §1).
+        """Return the velocity Jacobian J_v of points x that are fixed to the flange (method.md §1).
 
-        Column j is ``a_j × (x - o_j)``, or a_j of a prismatic joint; the spatial Jacobian holds
-        ``-a_j × o_j`` already.
+        Column j is ``a_j × (x − o_j)`` for a revolute joint with axis a_j and origin o_j, and a_j for a
+        prismatic joint. The first rows of the spatial Jacobian already hold ``−a_j × o_j``.
 
         Args:
             points: (N, T, 3) places of the points in R0, in each posture [m].
@@ -183,7 +188,7 @@ class Postures:
         x = np.ascontiguousarray(points.transpose(1, 2, 0))[:, :, None]
         v, w = np.split(self.jacobian.transpose(1, 2, 0), 2)
         out = np.empty((len(x), 3, *v.shape[1:]))
-        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # components of v + w × x
             np.multiply(w[j], x[:, k], out=out[:, i])
             out[:, i] -= w[k] * x[:, j]
             out[:, i] += v[i]
@@ -221,12 +226,14 @@ class Postures:
         return np.asarray((points - self.flange_translation[:, None]) @ self.flange_rotation)
 
     def pose_jacobian_at(self, points: FloatArray) -> FloatArray:
-        """Return Jacobians (N, 6, n) of a flange point (N, 1, 3) [m], then of the rotation, axes of R0."""
+        """Return Jacobians (N, 6, n) of a flange point (N, 1, 3) [m], then of the rotation; all in R0."""
         return np.concatenate([self.jacobian_at(points)[:, 0], self.angular_jacobian], axis=1)
 
 
 def frame_motions(rotation: FloatArray, origin: FloatArray) -> FloatArray:
-    """Return the derivative (..., 6, 6) of spatial motions with respect to motions in the frames' axes.
+    """Return matrices (..., 6, 6) that turn spatial motions in the axes of frames into spatial motions in R0.
+
+    Motions are translation, then rotation; in R0 the translation is that of the point in the origin.
 
     Args:
         rotation: (..., 3, 3) axes of the frames in R0.
@@ -269,10 +276,10 @@ def find_wrist(robot: Robot) -> Wrist | None:
         return None
     configuration = Postures(robot, np.zeros((1, robot.n)))
     moments, directions = np.split(configuration.jacobian[0, :, -WRIST_JOINTS:].T, 2, axis=1)
-    feet = np.cross(directions, moments)
+    feet = np.cross(directions, moments)  # point of each axis that is nearest to the origin of R0
     normals = np.eye(3) - directions[:, :, None] * directions[:, None, :]
     system = normals.sum(axis=0)
-    if np.linalg.svd(system, compute_uv=False)[-1] < 1e-6:
+    if np.linalg.svd(system, compute_uv=False)[-1] < 1e-6:  # the axes are parallel
         return None
     centre = np.linalg.solve(system, np.einsum("kij,kj->i", normals, feet))
     misses = np.linalg.norm(np.einsum("kij,kj->ki", normals, centre - feet), axis=1)
@@ -289,21 +296,23 @@ def skew(v: FloatArray) -> FloatArray:
     return out
 
 
-def rotation_vectors(to: FloatArray, from_: FloatArray) -> FloatArray:
-    """Return rotation vectors (N, 3) [rad] that turn rotations `from_` (N, 3, 3) into rotations `to`.
+def rotation_vectors(final: FloatArray, initial: FloatArray) -> FloatArray:
+    """Return rotation vectors (N, 3) [rad] that turn the initial into the final rotations (N, 3, 3).
 
-    Vectors are in the frame to which the rotations lead. Small angles are taken from the antisymmetric part
-    of the rotation between them, axis times sine, which keeps all digits.
+    If the rotations are from a body to R0, the vectors are in R0. A small angle is computed from the
+    antisymmetric part of ``final initialᵀ``, which is axis times sine and keeps all digits.
     """
-    t, f = to.transpose(1, 2, 0), from_.transpose(1, 2, 0)
-    vectors = np.empty((3, len(to)))
+    t, f = final.transpose(1, 2, 0), initial.transpose(1, 2, 0)
+    vectors = np.empty((3, len(final)))
     for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
         vectors[i] = np.einsum("in,in->n", t[k], f[j]) - np.einsum("in,in->n", t[j], f[k])
     sine = 0.5 * np.sqrt(np.einsum("in,in->n", vectors, vectors))
+    # The trace of the rotation exceeds 1 for angles below 90°, whose sine determines the angle.
     small = (sine < _SMALL_SINE) & (np.einsum("ijn,ijn->n", t, f) > 1.0)
     angle = np.arcsin(np.where(small, sine, 0.0))
     vectors *= np.where(sine > 0.0, 0.5 * angle / np.where(sine > 0.0, sine, 1.0), 0.5)
-    wide = np.flatnonzero(~small)
-    if len(wide):
-        vectors[:, wide] = Rotation.from_matrix(to[wide] @ from_[wide].transpose(0, 2, 1)).as_rotvec().T
+    large = np.flatnonzero(~small)
+    if len(large):
+        turns = Rotation.from_matrix(final[large] @ initial[large].transpose(0, 2, 1))
+        vectors[:, large] = turns.as_rotvec().T
     return vectors.T

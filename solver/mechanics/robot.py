@@ -101,8 +101,8 @@ class JointMap:
 
     def controller_angles(self, model: FloatArray) -> FloatArray:
         """Return the controller's joint positions (..., n) for the model's positions (..., n) [rad or m]."""
-        wanted = (model - self.offset).reshape(-1, self.n)  # columns of one system: factorised once
-        return np.asarray(np.linalg.solve(self.matrix, wanted.T)).T.reshape(model.shape)
+        rows = (model - self.offset).reshape(-1, self.n)  # all solved at once: M is factorised once
+        return np.asarray(np.linalg.solve(self.matrix, rows.T)).T.reshape(model.shape)
 
 
 @dataclass(frozen=True)
@@ -224,12 +224,13 @@ class Robot:
         frames, body = self.model.frames.tolist(), pin.FrameType.BODY
         links = {frame.parentJoint: frame.name for frame in reversed(frames) if frame.type == body}
         if self.flange == links.get(self.n) and not self.flange_placement.isIdentity(0.0):
-            del links[self.n]  # the only frame of a link behind the last joint is the flange's
-        joints, named = [], zip(self.joint_names, self.joint_kinds, self.axes, strict=True)
-        for i, (name, kind, axis) in enumerate(named):
+            # The only link frame behind the last joint is the flange, which gets a fixed joint of its own.
+            del links[self.n]
+        joints, moving = [], zip(self.joint_names, self.joint_kinds, self.axes, strict=True)
+        for i, (name, kind, axis) in enumerate(moving):
             place, (lower, upper) = self.model.jointPlacements[i + 1], self.limits[i].tolist()
-            free = lower == -np.inf and upper == np.inf
-            limits = None if free else (max(lower, -UNLIMITED), min(upper, UNLIMITED))
+            unlimited = lower == -np.inf and upper == np.inf
+            limits = None if unlimited else (max(lower, -UNLIMITED), min(upper, UNLIMITED))
             link = links.get(i + 1, f"{name}_link")
             joints.append(ChainJoint(name, kind, place.rotation, place.translation, axis, limits, link))
         if joints[-1].child != self.flange:
@@ -293,7 +294,7 @@ def _find_flange_frame(model: pin.Model, flange: str | None) -> pin.Frame:
     A tip is a frame behind the last joint to which no other frame is attached.
 
     Raises:
-        RobotError: no frame of that name is behind the last joint, or there are several tips.
+        RobotError: no frame of that name is behind the last joint, or there are several candidates.
     """
     behind = [
         (number, frame)
@@ -301,10 +302,13 @@ def _find_flange_frame(model: pin.Model, flange: str | None) -> pin.Frame:
         if frame.parentJoint == model.njoints - 1 and frame.type != pin.FrameType.JOINT
     ]
     parents = {frame.parentFrame for _, frame in behind}
-    tips = [frame for number, frame in behind if number not in parents and flange is None]
-    tips += [frame for _, frame in behind if frame.name == flange and frame.type != pin.FrameType.FIXED_JOINT]
-    if len(tips) == 1:
-        return tips[0]
+    # Candidates: without a name, all tips; with a name, the frames of that name.
+    candidates = [frame for number, frame in behind if number not in parents and flange is None]
+    candidates += [
+        frame for _, frame in behind if frame.name == flange and frame.type != pin.FrameType.FIXED_JOINT
+    ]
+    if len(candidates) == 1:
+        return candidates[0]
     if behind or flange is not None:
         raise RobotError(
             f"the robot has no frame '{flange}' behind the last joint"
@@ -348,23 +352,23 @@ def fix_prismatic_joints(robot: Robot, held: FloatArray) -> Robot:
 
     Args:
         robot: n joints.
-        held: (n,) controller's joint positions [rad or m]; those of revolute joints are ignored.
+        held: (n,) controller's joint positions [rad or m]; positions of revolute joints are ignored.
 
     Raises:
-        RobotError: the robot has no other joint, or a prismatic joint also depends on a revolute joint of the
+        RobotError: all joints are prismatic, or a prismatic joint also depends on a revolute joint of the
             controller.
     """
-    matrix, offset, slides = robot.joint_map.matrix, robot.joint_map.offset, robot.prismatic
-    if matrix[np.ix_(slides, ~slides)].any():
+    matrix, offset, prismatic = robot.joint_map.matrix, robot.joint_map.offset, robot.prismatic
+    if matrix[np.ix_(prismatic, ~prismatic)].any():
         raise RobotError(
             "a linear axis moves with a rotary axis of the controller, so the linear axis cannot stand still",
             remedy="give a joint map in which prismatic joints depend on prismatic joints only",
             where="joint_map.matrix",
         )
-    offset_with_held = matrix[:, slides] @ held[slides] + offset
-    at = in_configuration_space(robot.model, np.where(slides, offset_with_held, 0.0)[None])[0]
-    fixed = (np.flatnonzero(slides) + 1).tolist()
-    joint_map = JointMap(matrix[np.ix_(~slides, ~slides)], offset_with_held[~slides])
+    offset_with_held = matrix[:, prismatic] @ held[prismatic] + offset
+    at = in_configuration_space(robot.model, np.where(prismatic, offset_with_held, 0.0)[None])[0]
+    fixed = (np.flatnonzero(prismatic) + 1).tolist()
+    joint_map = JointMap(matrix[np.ix_(~prismatic, ~prismatic)], offset_with_held[~prismatic])
     return Robot(pin.buildReducedModel(_add_frames(robot), fixed, at), joint_map, flange=robot.flange)
 
 

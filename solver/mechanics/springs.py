@@ -30,7 +30,7 @@ def _bend_joints(block: RegressorBlock, compliance: FloatArray) -> Motion:  # no
 
 
 def _turn_joints(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001  # kinematics
-    """Return the motion of the targets per turn of each joint, J, independent of the load."""
+    """Return the motion of the targets per unit turn of each joint: the Jacobian J, whatever the load."""
     return Motion(block.jacobian)
 
 
@@ -44,11 +44,11 @@ BASE: Final = -1
 
 
 @lru_cache(maxsize=64)
-def entries(size: int) -> tuple[IndexArray, IndexArray]:
-    """Return the row and column indices of a symmetric matrix's upper triangle.
+def triangle_indices(size: int) -> tuple[IndexArray, IndexArray]:
+    """Return the row indices and the column indices of the upper triangle of a symmetric matrix.
 
-    The size (size + 1) / 2 entries that make up the matrix's vector are in the order (0,0), (0,1), (1,1),
-    (0,2), … of Clarabel's triangle cone.
+    The ``size · (size + 1) / 2`` entries of the triangle are in the order (0,0), (0,1), (1,1), (0,2), …, that
+    of Clarabel's cone of symmetric matrices, which are stated as vectors of these entries.
     """
     lower_rows, lower_columns = np.tril_indices(size)
     for indices in (lower_rows, lower_columns):
@@ -57,37 +57,37 @@ def entries(size: int) -> tuple[IndexArray, IndexArray]:
 
 
 @lru_cache(maxsize=64)
-def weights(size: int) -> FloatArray:
-    """Return the factors of a symmetric matrix's entries in its vector: 1 on the diagonal, √2 elsewhere.
+def triangle_weights(size: int) -> FloatArray:
+    """Return the factors of a symmetric matrix's entries as a vector: 1 on the diagonal, √2 elsewhere.
 
-    With them, the inner product of two vectors is that of the matrices.
+    With these factors, the inner product of two vectors equals the inner product of their matrices.
     """
-    rows, columns = entries(size)
+    rows, columns = triangle_indices(size)
     weights: FloatArray = np.where(rows == columns, 1.0, np.sqrt(2.0))
     weights.setflags(write=False)
     return weights
 
 
 def differentiate_bilinear_form(moves: FloatArray, load: FloatArray) -> FloatArray:
-    """Return the derivative of ``moves · C load`` with respect to the vector of a symmetric matrix C (k, k).
+    """Return the derivative of ``movesᵀ C load`` with respect to the entries of a symmetric matrix C (k, k).
 
-    `moves` and `load` are (..., k), the derivative is (..., k (k + 1) / 2). The vector has the upper triangle
-    of C, with entries off the diagonal times √2.
+    `moves` and `load` are (..., k), the derivative is (..., k (k + 1) / 2). The entries are those of the
+    upper triangle of C, in the order of `triangle_indices`, with entries off the diagonal times √2.
     """
     size = moves.shape[-1]
-    i, j = entries(size)
+    i, j = triangle_indices(size)
     # An entry of the vector off the diagonal represents two entries of the matrix, each 1/√2 as large.
     both: FloatArray = moves[..., i] * load[..., j] + moves[..., j] * load[..., i]
-    return both * np.where(i == j, 0.5, 1.0 / weights(size))
+    return both * np.where(i == j, 0.5, 1.0 / triangle_weights(size))
 
 
 def _bend_coupled_joints(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001  # linear
-    """Return the motion per entry of a full joint compliance (n, n), which couples the joints."""
+    """Return the targets' motion per entry of a full joint compliance (n, n), which couples the joints."""
     return Motion(differentiate_bilinear_form(block.jacobian, block.torque[:, None, None]))
 
 
 def _bend_links(frames: tuple[int, ...], block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
-    """Return the motion per entry of full compliances (6, 6) of links or base, 21 entries for each frame."""
+    """Return the targets' motion per entry of the compliances (6, 6) of links or base: 21 for each frame."""
     moves, wrench, _ = block.frames
     return Motion(
         np.concatenate(
@@ -97,7 +97,7 @@ def _bend_links(frames: tuple[int, ...], block: RegressorBlock, compliance: Floa
 
 
 def _bend_links_diagonally(frames: slice, block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
-    """Return the motion per entry of diagonal compliances of links or base, six for each frame."""
+    """Return the targets' motion per entry of diagonal compliances of links or base: six for each frame."""
     moves, wrench, _ = block.frames
     return Motion(np.concatenate(list((moves * wrench[:, :, None, None])[frames]), axis=-1))
 
@@ -108,16 +108,20 @@ DIAGONAL_BASE = Term("base", "m/N, rad/(N·m)", partial(_bend_links_diagonally, 
 FULL_BASE = Term("full_base", "m/N, rad/(N·m)", partial(_bend_links, (BASE,)))
 
 
-def links_behind(frames: tuple[int, ...]) -> Term:
-    """Return the term of full compliances (6, 6) of links behind some joints, or of the `BASE`."""
+def build_links_term(frames: tuple[int, ...]) -> Term:
+    """Return the term of full compliances (6, 6) of the links behind joints with these indices.
+
+    The index `BASE` means the base.
+    """
     return Term("links", "m/N, rad/(N·m)", partial(_bend_links, frames))
 
 
 def complementary_stiffness(block: RegressorBlock) -> FloatArray:
     """Return the complementary stiffness ``K_c,jk = ∂τ_j/∂θ_k`` in the configurations of the block.
 
-    With v_j = a_j × (p_W − o_j), a joint k before j turns a_j and v_j, and a joint k after j moves p_W by
-    v_k: ``K_c,jk = F · (a_min(j,k) × v_max(j,k)) + [k < j] M · (a_k × a_j)``.
+    a_j and o_j are axis and origin of joint j, p_W the load point, F and M force and moment. With
+    v_j = a_j × (p_W − o_j), a joint k before j turns a_j and v_j, and a joint k after j moves p_W by v_k:
+    ``K_c,jk = F · (a_min(j,k) × v_max(j,k)) + [k < j] M · (a_k × a_j)``.
 
     Returns:
         K_c (B, n, n) [N·m/rad].
@@ -136,16 +140,16 @@ def _compute_neglected_motion(block: RegressorBlock, compliance: FloatArray) -> 
     """
     part = block.measurements
     deflection = compliance * block.torque
-    added = compliance * np.einsum("bjk,bk->bj", complementary_stiffness(block), deflection)
+    stiffness_turns = compliance * np.einsum("bjk,bk->bj", complementary_stiffness(block), deflection)
     turns = block.postures.angular_jacobian * deflection[:, None]
-    turned = np.cumsum(turns, axis=2) - 0.5 * turns
+    axis_turns = np.cumsum(turns, axis=2) - 0.5 * turns  # Ω_k
     jacobian = block.jacobian if part.direction is None else block.postures.jacobian_at(block.points)
     moves = jacobian * deflection[:, None, None]
     # Σ_k Ω_k × m_k holds the antisymmetric part of Σ_k Ω_k m_kᵀ.
-    pairs = moves @ turned.transpose(0, 2, 1)[:, None]
+    pairs = moves @ axis_turns.transpose(0, 2, 1)[:, None]
     bent = (pairs - pairs.mT)[..., [2, 0, 1], [1, 2, 0]]
-    softened = (block.jacobian @ added[:, None, :, None])[..., 0]
-    return Motion((softened + bent)[..., None], added[..., None])
+    softened = (block.jacobian @ stiffness_turns[:, None, :, None])[..., 0]
+    return Motion((softened + bent)[..., None], stiffness_turns[..., None])
 
 
 NEGLECTED_STIFFNESS = Term("complementary_stiffness", "1", _compute_neglected_motion)

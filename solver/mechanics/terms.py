@@ -1,8 +1,8 @@
 """Errors that a set may state, a test suspects, a budget lists and a plan hedges against (method.md §8, §13).
 
-Of the load: with W = (F, M), J_F and J_ω its Jacobians, R the flange's rotation and c the compliances, each
-error adds torques τ, which move the targets by ``J (c ∘ τ)``. Of geometry: places of targets on the flange,
-axes of joints, tracker and base.
+An error of the load adds joint torques τ, which move the targets by ``J (c ∘ τ)``, with J the targets'
+Jacobian and c the compliances. Errors of the geometry concern the places of targets on the flange, the axes
+of joints, the tracker and the base.
 """
 
 from __future__ import annotations
@@ -31,13 +31,17 @@ _READ_AGAIN = (
     "read a posture again without the load: if the targets are elsewhere, the tracker or the base moved"
 )
 _SETTLED, _WOUND = 50.0, 3e-5
-"""Torque [N·m], or winding of its spring [rad] where that is less, at which a gear lies against one side of
-its play; below it, in proportion. Makers state lost motion at 3 % of the rated torque, which winds a gear by
-30 µrad (Nabtesco RV-20E: 167 N·m at 49 N·m/arcmin; RV-320E: 3136 N·m at 980)."""
+"""Torque [N·m] at which a gear lies against one side of its play, and winding [rad] of the gear's spring at
+which the gear does so if the spring winds so far at a smaller torque. Below, the gear moves in proportion to
+the torque. Makers state lost motion at 3 % of the rated torque, which winds a gear by 30 µrad
+(Nabtesco RV-20E: 167 N·m at 49 N·m/arcmin; RV-320E: 3136 N·m at 980)."""
 
 
 def _move_load_point(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Return the motion due to an error e of the load point in the flange frame: its moment is e × F."""
+    """Return the motion due to an error e (3,) [m] of the load point in the flange frame.
+
+    The error adds the moment (R e) × F, with F the force and R the flange's rotation.
+    """
     moment = -skew(block.measurements.force) @ block.postures.flange_rotation
     return move_by_torque(block, compliance, block.postures.angular_jacobian.transpose(0, 2, 1) @ moment)
 
@@ -48,7 +52,10 @@ def _scale_loads(block: RegressorBlock, compliance: FloatArray) -> Motion:
 
 
 def _turn_loads(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Return the motion due to a turn φ of all forces and moments about the axes of R0: φ × F, φ × M."""
+    """Return the motion due to a turn φ (3,) [rad] of all forces F and moments M about the axes of R0.
+
+    The turn adds φ × F to the force and φ × M to the moment.
+    """
     part = block.measurements
     by_force = block.load_jacobian.transpose(0, 2, 1) @ -skew(part.force)
     by_moment = block.postures.angular_jacobian.transpose(0, 2, 1) @ -skew(part.moment)
@@ -61,7 +68,7 @@ def _add_constant_force(block: RegressorBlock, compliance: FloatArray) -> Motion
 
 
 def _add_flange_force(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Return the motion due to one constant force, axes of the flange, as of a load cell's wrong zero."""
+    """Return the motion due to one constant force, axes of the flange, such as a load cell's wrong zero."""
     forces = block.load_jacobian.transpose(0, 2, 1) @ block.postures.flange_rotation
     return move_by_torque(block, compliance, forces)
 
@@ -93,7 +100,7 @@ LOAD_POINT = Term(
     _move_load_point,
     partial(_stated_uncertainties, ("load_point",)),
     suspected=True,
-    under=_with_load_point,
+    change_loads=_with_load_point,
     words="every load point moved by {} in the flange frame",
     remedy="measure the load point on the flange",
 )
@@ -104,7 +111,7 @@ CONSTANT_FORCE = Term(
     "N",
     _add_constant_force,
     suspected=True,
-    under=_with_force,
+    change_loads=_with_force,
     words="a constant force of {} (axes of R0) added to every load",
     remedy="check for a weight that hangs on the flange only while loaded, and the load cell's zero",
 )
@@ -113,7 +120,7 @@ LOAD_ZERO = Term(
     "N",
     _add_flange_force,
     suspected=True,
-    under=_with_flange_force,
+    change_loads=_with_flange_force,
     words="a constant force of {} (axes of the flange) added to every load",
     remedy="read the load cell without load in two postures",
 )
@@ -124,7 +131,7 @@ Groups = tuple[tuple[str, ...], ...]
 
 
 def _mark_groups(groups: Groups, part: Measurements) -> FloatArray:
-    """Return the membership (N, g) of N observations in g groups: 1 for a member, else 0."""
+    """Return (N, g) numbers: 1 where an observation belongs to a group, else 0."""
     return np.stack([np.isin(part.labels, list(group)) for group in groups], axis=1).astype(np.float64)
 
 
@@ -148,22 +155,22 @@ def build_load_scale_term(groups: Collection[Collection[str]]) -> Term:
         "1",
         partial(_scale_groups, listed),
         suspected=True,
-        under=partial(_with_scaled_groups, listed),
+        change_loads=partial(_with_scaled_groups, listed),
         words="relative load errors of {}, one for each group of loads,",
         remedy="weigh the loads, or check the load cell against one of them",
     )
 
 
 def _move_target_places(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Return the motion due to errors e of the targets' places on the flange.
+    """Return the motion due to errors e of the T targets' places on the flange, three unknowns for each [m].
 
-    When the flange turns by φ under load, a target at a place wrong by e moves by φ × e too far.
+    When the flange turns by φ under load, a target whose place is wrong by e moves too far, by φ × e.
     """
     rotation = np.einsum("bij,bj->bi", block.postures.angular_jacobian, compliance * block.torque)
-    moved = skew(rotation) @ block.postures.flange_rotation
+    motion_per_error = skew(rotation) @ block.postures.flange_rotation
     B, T = block.points.shape[:2]
     columns = np.zeros((B, T, 3, T, 3))
-    columns[:, np.arange(T), :, np.arange(T)] = moved
+    columns[:, np.arange(T), :, np.arange(T)] = motion_per_error  # an error moves its own target only
     return Motion(columns.reshape(B, T, 3, 3 * T))
 
 
@@ -175,7 +182,7 @@ def _displace_axes(block: RegressorBlock, compliance: FloatArray) -> Motion:
     """
     targets, joints = [], []
     for j, axis in enumerate(block.robot.axes):
-        first, second = np.linalg.svd(axis[None])[2][1:]
+        first, second = np.linalg.svd(axis[None])[2][1:]  # unit vectors perpendicular to the axis
         across = np.zeros((6, 4))
         across[:3, 0] = across[3:, 1] = first
         across[:3, 2] = across[3:, 3] = second
@@ -187,6 +194,7 @@ def _displace_axes(block: RegressorBlock, compliance: FloatArray) -> Motion:
 
 def _take_up_play(block: RegressorBlock, compliance: FloatArray) -> Motion:
     """Return the motion due to gear play: each joint turns by half the play in the torque's direction."""
+    # A soft gear's spring winds by _WOUND before the torque reaches _SETTLED.
     settled = _WOUND / np.maximum(compliance, _WOUND / _SETTLED)  # (n,) torques that take up the play [N·m]
     side = np.where(block.robot.prismatic, 0.0, 0.5 * np.clip(block.torque / settled, -1.0, 1.0))
     return Motion(block.jacobian * side[:, None, None], side[..., None] * np.eye(side.shape[1]))
@@ -221,9 +229,9 @@ def _move_only_observations(
     block: RegressorBlock,
     compliance: FloatArray,
 ) -> Motion:
-    """Return the targets' motion due to a term, set to zero for observations with other labels."""
-    moved = np.isin(block.measurements.labels, labels)
-    return Motion(np.where(moved[:, None, None, None], motion(block, compliance).targets, 0.0))
+    """Return the targets' motion due to a term's `motion`; zero for observations not among `labels`."""
+    is_concerned = np.isin(block.measurements.labels, labels)
+    return Motion(np.where(is_concerned[:, None, None, None], motion(block, compliance).targets, 0.0))
 
 
 def limit_to_later(term: Term, labels: Sequence[str], first: str) -> Term:
@@ -234,12 +242,12 @@ def limit_to_later(term: Term, labels: Sequence[str], first: str) -> Term:
     row = labels.index(first)
     later, label = labels[row:], first.replace("{", "{{").replace("}", "}}")  # words are a format string
     words = f"{term.words} since observation '{label}'"
-    own = (
+    limited = (
         build_load_scale_term([labels[:row], later])
         if term.name == "load_scale"
         else replace(term, motion=partial(_move_only_observations, later, term.motion))
     )
-    return replace(own, name=f"{term.name} since {first}", words=words)
+    return replace(limited, name=f"{term.name} since {first}", words=words)
 
 
 TARGET_PLACES = Term(

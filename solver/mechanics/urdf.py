@@ -80,7 +80,7 @@ def read_urdf(text: str, base: str, flange: str) -> KinematicChain:
         RobotError: the document is no usable robot; the error names the place of the fault and the remedy.
     """
     robot = parse_xml(text)
-    _check_robot(robot)
+    _check_root(robot)
     links = _collect_named(robot, "link", MAX_DOCUMENT_JOINTS + 1)
     if not links:
         raise RobotError("the robot has no link", remedy="add links and joints", where="<robot>")
@@ -131,23 +131,23 @@ def read_inertials(text: str, chain: KinematicChain) -> tuple[Body, ...]:
         text: the URDF document.
         chain: the chain that `read_urdf` read from the document.
     """
-    links = {link.attributes.get("name", ""): link for link in parse_xml(text).named("link")}
+    links = {link.attributes.get("name", ""): link for link in parse_xml(text).find_children("link")}
     bodies = []
     try:
         for frame in chain.model().frames:
             if frame.type != pin.FrameType.BODY or frame.parentJoint == 0:
                 continue
-            inertial = links[frame.name].only("inertial", frame.name)
-            mass = None if inertial is None else inertial.only("mass", frame.name)
+            inertial = links[frame.name].find_only_child("inertial", frame.name)
+            mass = None if inertial is None else inertial.find_only_child("mass", frame.name)
             if inertial is None or mass is None:
                 continue
-            origin = inertial.only("origin", frame.name)
+            origin = inertial.find_only_child("origin", frame.name)
             xyz = "0 0 0" if origin is None else origin.attributes.get("xyz", "0 0 0")
             (value,) = read_numbers(mass.attributes.get("value", ""), 1, _LARGEST_MASS, frame.name)
             centre = frame.placement * np.array(read_numbers(xyz, 3, _ORIGIN["xyz"], frame.name))
             if value < 0.0:
                 return ()
-            if value:
+            if value:  # a link of mass zero is no body
                 bodies.append(Body.within(frame.name, frame.parentJoint - 1, value, tuple(centre.tolist())))
     except RobotError:
         return ()
@@ -165,7 +165,7 @@ class UrdfJoint:
     xyz: tuple[float, ...]  #: origin of the joint's frame in the parent link's frame [m]
     rpy: tuple[float, ...]  #: roll, pitch and yaw about the parent link's fixed axes [rad]
     axis: tuple[float, ...]  #: direction of the axis in the joint's frame
-    limit: dict[str, float]  #: numbers of <limit> by name [rad, m of a prismatic joint]
+    limit: dict[str, float]  #: numbers of <limit> by attribute [rad, or m for a prismatic joint]
     mimics: bool  #: whether the joint follows another joint
 
     @classmethod
@@ -173,7 +173,7 @@ class UrdfJoint:
         """Read a joint of any of the six types, on the chain or off it.
 
         Raises:
-            RobotError: the type is unknown, a child element is given twice, or a number is not valid.
+            RobotError: the type is unknown, a child element occurs twice, or a number or name is not valid.
         """
         place = f"joint '{name}'"
         kind = element.attributes.get("type", "")
@@ -182,10 +182,10 @@ class UrdfJoint:
             raise RobotError(f"unknown joint type {quote(kind)}", remedy=remedy, where=place)
         origin = _read_triples(element, "origin", _ORIGIN, place)
         axis = _read_triples(element, "axis", _AXIS, place)
-        if not axis and element.named("axis"):
+        if not axis and element.find_children("axis"):
             remedy = "add the attribute xyz"
             raise RobotError("the <axis> has no attribute xyz", remedy=remedy, where=f"{place} <axis>")
-        limit = element.only("limit", place)
+        limit = element.find_only_child("limit", place)
         limits: dict[str, float] = {
             key: read_numbers(limit.attributes[key], 1, _LARGEST_LIMIT, f"{place} <limit> {key}")[0]
             for key in ("lower", "upper", "effort", "velocity")
@@ -193,7 +193,7 @@ class UrdfJoint:
         }
         links = {}
         for role in ("parent", "child"):
-            link = element.only(role, place)
+            link = element.find_only_child(role, place)
             links[role] = link.attributes.get("link", "") if link else ""
             check_name(links[role], f"{place} <{role}>")
         return cls(
@@ -205,7 +205,7 @@ class UrdfJoint:
             rpy=origin.get("rpy", _ZERO),
             axis=axis.get("xyz", _DEFAULT_AXIS),
             limit=limits,
-            mimics=bool(element.named("mimic")),
+            mimics=bool(element.find_children("mimic")),
         )
 
     def to_chain_joint(self) -> ChainJoint:
@@ -258,7 +258,7 @@ class UrdfJoint:
         )
 
 
-def _check_robot(robot: XmlElement) -> None:
+def _check_root(robot: XmlElement) -> None:
     """Refuse a document whose root is not a single named <robot>, or that has unexpanded xacro.
 
     Raises:
@@ -278,7 +278,7 @@ def _check_robot(robot: XmlElement) -> None:
         reason = f"the root element is <{robot.tag[:40]}>, not <robot>"
         remedy = "send a URDF document, not SDF or MJCF"
         raise RobotError(reason, remedy=remedy, where=f"line {robot.line}")
-    if nested := robot.named("robot"):
+    if nested := robot.find_children("robot"):
         reason, remedy = "there is a second <robot> within the first", "send one robot per document"
         raise RobotError(reason, remedy=remedy, where=f"line {nested[0].line}")
     check_name(robot.attributes.get("name", ""), "<robot>")
@@ -290,7 +290,7 @@ def _collect_named(robot: XmlElement, tag: str, most: int) -> dict[str, XmlEleme
     Raises:
         RobotError: there are more than `most`, or a name is empty, unfit or used twice.
     """
-    elements = robot.named(tag)
+    elements = robot.find_children(tag)
     if len(elements) > most:
         remedy = f"at most {most} are supported: send only the arm"
         raise RobotError(f"the robot has {len(elements)} {tag}s", remedy=remedy, where="<robot>")
@@ -313,7 +313,7 @@ def _read_triples(
     Raises:
         RobotError: an attribute is not among those of `largest`, or a number is not valid or too large.
     """
-    element = parent.only(tag, place)
+    element = parent.find_only_child(tag, place)
     if element is None:
         return {}
     if unknown := element.attributes.keys() - largest.keys():
@@ -365,7 +365,7 @@ def _find_path_down(
 
 
 def _map_joints_above(links: Collection[str], joints: Iterable[UrdfJoint]) -> dict[str, UrdfJoint]:
-    """Return the joint that carries each link, by the name of the link; the root link has no joint.
+    """Return the joint that carries each link, as a dictionary by the link's name; without the root link.
 
     Raises:
         RobotError: links and joints are not one tree.
@@ -390,7 +390,8 @@ def _map_joints_above(links: Collection[str], joints: Iterable[UrdfJoint]) -> di
     if len(roots) > 1:
         reason = f"{len(roots)} links have no parent: {_list_names(roots)}"
         raise RobotError(reason, remedy="join all links into one tree with one root", where="<robot>")
-    for link in roots:  # the list grows while it is walked, until it holds all links below the root
+    # The list grows during the loop, until it holds the root and all links below.
+    for link in roots:
         roots.extend(below[link])
     reached = set(roots)
     if cycle := [link for link in links if link not in reached]:
@@ -417,17 +418,17 @@ class XmlElement:
     line: int  #: line of the document on which it opens, from 1
     children: list[XmlElement] = field(default_factory=list)  #: elements directly within, in order
 
-    def named(self, tag: str) -> list[XmlElement]:
+    def find_children(self, tag: str) -> list[XmlElement]:
         """Return the children with this tag, in order."""
         return [child for child in self.children if child.tag == tag]
 
-    def only(self, tag: str, place: str) -> XmlElement | None:
+    def find_only_child(self, tag: str, place: str) -> XmlElement | None:
         """Return the only child with this tag, or None.
 
         Raises:
             RobotError: there are several children with this tag; other programs silently use the first.
         """
-        children = self.named(tag)
+        children = self.find_children(tag)
         if len(children) > 1:
             reason = f"<{tag}> is given {len(children)} times"
             raise RobotError(reason, remedy="keep one of them", where=f"{place} <{tag}>")
@@ -520,7 +521,7 @@ class _TreeBuilder:
 
 
 def read_numbers(text: str, count: int, largest: float, where: str) -> tuple[float, ...]:
-    """Read exactly `count` decimal numbers separated by spaces.
+    """Read text that has exactly `count` decimal numbers separated by spaces.
 
     Args:
         text: numbers as text, for instance ``"0 0.35 1e-3"``.
@@ -529,8 +530,8 @@ def read_numbers(text: str, count: int, largest: float, where: str) -> tuple[flo
         where: place in the document, for the error.
 
     Raises:
-        RobotError: the count is another, a number has another notation (hexadecimal, underscores, inf, nan,
-            a comma), or its magnitude exceeds `largest`.
+        RobotError: the text has fewer or more numbers, a number is not decimal (hexadecimal, underscores,
+            inf, nan, a comma), or a magnitude exceeds `largest`.
     """
     words = [word for word in _SPACE.split(text) if word]
     if len(words) != count:

@@ -42,7 +42,7 @@ from jointstiff.solver.geometry.poses import (
     calibrate,
     differentiate_numerically,
 )
-from jointstiff.solver.mechanics.block import regressor_blocks, whitened_rows
+from jointstiff.solver.mechanics.block import build_whitened_rows, regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Body, Robot
 from jointstiff.solver.mechanics.springs import JOINTS
@@ -188,7 +188,7 @@ def fit_weight(
         triangle, load_triangle = rows.stack.triangle(), Triangle(joints=robot.n)
         nuisance = ["geometry", *(["base"] if free_base else []), *(["gravity"] if free_gravity else [])]
         for block in [] if loaded is None else regressor_blocks(robot, loaded, c):
-            read = whitened_rows(block, [JOINTS], c)
+            read = build_whitened_rows(block, [JOINTS], c)
             for part in (read.targets, read.encoders):
                 if part is not None:
                     load_triangle.add(part)

@@ -704,7 +704,7 @@ def leave_postures_out(
     if count > MOST_LEFT_OUT:
         groups = groups[np.linspace(0, count - 1, MOST_LEFT_OUT).astype(int)]
     if estimate.robust is not None:
-        measurements = estimate.robust.weigh(measurements)
+        measurements = estimate.robust.reweight(measurements)
     plain = replace(settings, loss="squared", prior=None, order=())
     blocks = build_method_stacks(robot, measurements, plain, estimate)
     fits = fit_subsets(blocks, (posture != groups[:, None]).astype(np.float64), plain.bounds)

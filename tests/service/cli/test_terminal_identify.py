@@ -102,7 +102,8 @@ def test_resampled_fits_are_shown_in_the_unit_that_is_asked_for():
 def test_a_thousand_fits_are_drawn_where_no_number_is_given():
     assert_said(
         typed("identify pull.json --resample 8"),
-        "Joints alone: elastic links exclude resampling (F test of links added to the joints: p = 0.07).",
+        "Joints alone: elastic links cannot be combined with resampling (F test of links added to the "
+        "joints: p = 0.07).",
         "1000 fits of 8 configurations drawn at random",
         "│ joint_2 │ 3.1139 │ 0.0090 │ 0 % │",
     )
@@ -116,7 +117,8 @@ def test_a_thousand_fits_are_drawn_where_no_number_is_given():
             [
                 "Joint stiffness, complete pose, covariance weights, unconstrained",
                 "│ joint_1 │ 3.821 │ 0.045 │ 3.735 … 3.911 │ well determined │",
-                "Joints alone: elastic links exclude method (F test of links added to the joints: p = 0.07).",
+                "Joints alone: elastic links cannot be combined with method (F test of links added to the "
+                "joints: p = 0.07).",
             ],
         ),
         (
