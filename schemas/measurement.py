@@ -152,6 +152,12 @@ class Noise(Message):
         "angle; needed with encoder readings.",
         examples=[5e-6],
     )
+    repeatability: Annotated[float, Field(strict=True, ge=0.0, le=1.0)] | None = Field(
+        default=None,
+        description="Standard deviation of a joint's angle from one posture to the next, in the set's unit "
+        "of angle; all targets of a posture move together. If absent, it is estimated from the residuals.",
+        examples=[2e-5],
+    )
     instrument: Instrument | None = Field(
         default=None, description="Uncertainty from the tracker's data sheet, instead of `sigma`."
     )

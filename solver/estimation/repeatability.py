@@ -13,7 +13,8 @@ of all campaigns without scatter have their maximum there (Self & Liang, *J. Am.
 
 from __future__ import annotations
 
-from typing import Final
+from dataclasses import dataclass
+from typing import Final, Literal
 
 import numpy as np
 from scipy import special
@@ -75,6 +76,33 @@ def find_joint_scatter(robot: Robot, measurements: Measurements, estimate: Estim
     significant = 0.5 * special.chdtrc(1, gain) < REPEATABILITY_LEVEL
     motion = ratio * (measurements.sigma or likelihood.sigma(ratio)) * reach_of_scatter(block)
     return ratio if significant and motion <= LARGEST_REPEATABILITY else 0.0
+
+
+@dataclass(frozen=True)
+class Repeatability:
+    """Repeatability of a robot, as stated or as the residuals show it."""
+
+    joint: float  #: standard deviation of a joint's angle from one posture to the next [rad]
+    targets: float  #: root mean square motion of the targets by that scatter of all joints [m]
+    source: Literal["given", "residuals"]
+
+    @classmethod
+    def from_measurements(
+        cls, robot: Robot, measurements: Measurements, sigma: float | None
+    ) -> Repeatability | None:
+        """Return the repeatability that a fit accounted for; None if there is none.
+
+        Args:
+            robot: n joints.
+            measurements: N observations, with the joint scatter of the fit.
+            sigma: standard uncertainty of a coordinate of a reading [m], as stated or estimated by the fit.
+        """
+        if not (measurements.joint_scatter and sigma):
+            return None
+        joint = measurements.joint_scatter * sigma
+        block = whole_block(robot, measurements.select_evenly(_MOST_OBSERVATIONS))
+        source: Literal["given", "residuals"] = "residuals" if measurements.repeatability is None else "given"
+        return cls(joint, joint * reach_of_scatter(block), source)
 
 
 def reach_of_scatter(block: RegressorBlock) -> float:

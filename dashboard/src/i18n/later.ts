@@ -322,6 +322,7 @@ export const later = {
       load_point: "Uncertainty of the load point",
       target_places: "Uncertainty of the targets’ positions",
       encoder_sigma: "Secondary encoder",
+      repeatability: "Repeatability of a joint",
     },
   },
   runFiles: {
