@@ -26,7 +26,7 @@ from jointstiff.solver.estimation.estimate import (
     predict,
 )
 from jointstiff.solver.estimation.joints import JointsAlone
-from jointstiff.solver.estimation.repeatability import Repeatability
+from jointstiff.solver.estimation.scatter import Repeatability
 from jointstiff.solver.links.choice import report_losses, report_penalty
 from jointstiff.solver.links.competition import Competition, Elastic, Winner
 from jointstiff.solver.links.fit import replace_by_effective

@@ -1,7 +1,7 @@
 """Errors that all targets of a posture share: coverage of the intervals, and what they cost without any.
 
-Readings come from springs that balance the load exactly; joints that do not repeat turn in that simulator, the
-station's error moves all targets of a posture alike. Nothing here knows the solver's own terms.
+Readings come from springs that balance the load exactly; joints that do not repeat turn in that simulator,
+the station's error moves all targets of a posture alike. Nothing here knows the solver's own terms.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def _outcome(read: Callable[[Design, Generator], Positions], *, stated: bool, se
     return _Outcome(
         held=((ends[:, 0] <= truth) & (truth <= ends[:, 1])).tolist(),
         width=(np.ptp(ends, axis=1) / np.ptp(np.array(list(_intervals(plain))), axis=1)).tolist(),
-        scatter=joints.measurements.joint_scatter * (found.sigma or 0.0),
+        scatter=joints.measurements.scatter.joints * (found.sigma or 0.0),
     )
 
 
@@ -130,7 +130,7 @@ def run(*, quick: bool) -> list[Section]:
                 figures.append(Figure(f"half-width, {what}, relative", width, "at most", 1.1))
     return [
         Section(
-            title=f"Errors that a posture's targets share: {len(outcomes)} campaigns of 12 to 19 postures each",
+            title=f"Errors that a posture's targets share, {len(outcomes)} campaigns each of 12 to 19 postures",
             columns=("error", "holds the truth [%]", "median width", "found [µrad]", "found none"),
             rows=tuple(rows),
             figures=tuple(figures),

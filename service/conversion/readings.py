@@ -36,6 +36,7 @@ from jointstiff.solver.mechanics.measurements import (
     DifferenceNoise,
     EncoderReadings,
     Measurements,
+    Scatter,
     position_covariances,
     refuse_invalid_covariance,
 )
@@ -673,7 +674,7 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         refuted_sigma=refuted_sigma,
         repeatability=repeatability,
         # Without sigma, the first fit tells how the scatter compares to the noise of the readings.
-        joint_scatter=repeatability / sigma if repeatability and sigma else 0.0,
+        scatter=Scatter(joints=repeatability / sigma if repeatability and sigma else 0.0),
         encoders=encoders,
         common_uncertainty=common,
         present=readings.present & ~unloaded_only,

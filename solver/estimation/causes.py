@@ -36,7 +36,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.observability import Excitation
-from jointstiff.solver.estimation.repeatability import RestrictedLikelihood
+from jointstiff.solver.estimation.scatter import RestrictedLikelihood
 from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.estimation.triangle import (
     INDEPENDENT,
@@ -200,7 +200,7 @@ def screen_estimate(
 
     Args:
         robot: n joints.
-        measurements: N observations, with the joint scatter that was stated.
+        measurements: N observations, with the scatter that was stated.
         estimate: estimate by joints alone.
         scattered: whether the residuals show a scatter of the joints, which tests must account for.
     """
@@ -624,15 +624,15 @@ class _Triangles:
         return p
 
     def _compress_with_scatter(self, names: Sequence[str]) -> Triangle:
-        """Return the triangle of some terms, with the joint scatter that is most likely if all are fitted.
+        """Return the triangle of some terms, with the scatter that is most likely if all are fitted.
 
         The scatter that residuals of joints alone show also holds the motion by the tested cause.
         """
         terms = [term for term in self._terms if term.name in names]
         stack = Stack.from_blocks([self._block], terms, self.compliance)
         seen = np.concatenate([np.flatnonzero(self._visible), *list(stack.span.values())[1:]])
-        ratio, _ = RestrictedLikelihood(self._block, stack, seen).maximise()
-        measurements = replace(self._block.measurements, joint_scatter=ratio)
+        scatter, _ = RestrictedLikelihood(self._block, stack, seen).maximise()
+        measurements = replace(self._block.measurements, scatter=scatter)
         triangle = Stack.from_blocks(
             [replace(self._block, measurements=measurements)], terms, self.compliance
         ).triangle()

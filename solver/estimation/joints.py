@@ -16,7 +16,7 @@ from jointstiff.solver.estimation.causes import (
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.identify import identify_with_fallback
 from jointstiff.solver.estimation.method import Loss, Settings
-from jointstiff.solver.estimation.repeatability import find_joint_scatter
+from jointstiff.solver.estimation.scatter import find_scatter
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 
@@ -26,7 +26,7 @@ class JointsAlone:
 
     Attributes:
         robot: n joints.
-        given: N observations, with the joint scatter that was stated.
+        given: N observations, with the scatter that was stated.
         stated: settings as the user gave them.
         noticed: findings of the integrity checks of the measurements.
     """
@@ -48,21 +48,21 @@ class JointsAlone:
 
     @cached_property
     def _identified(self) -> tuple[Settings, Estimate, Measurements]:
-        """Settings with which the fit succeeded, the estimate, and the measurements with their joint scatter.
+        """Settings with which the fit succeeded, the estimate, and the measurements with their scatter.
 
         The scatter is estimated from the residuals of a first fit; where it is significant, the joints are
         fitted again.
         """
         settings, estimate = identify_with_fallback(self.robot, self.given, self.stated)
-        scatter = find_joint_scatter(self.robot, self.given, estimate)
-        if scatter == self.given.joint_scatter:
+        scatter = find_scatter(self.robot, self.given, estimate)
+        if scatter == self.given.scatter:
             return settings, estimate, self.given
-        measurements = replace(self.given, joint_scatter=scatter)
+        measurements = replace(self.given, scatter=scatter)
         return *identify_with_fallback(self.robot, measurements, self.stated), measurements
 
     @property
     def measurements(self) -> Measurements:
-        """The N observations, with the joint scatter that their residuals show.
+        """The N observations, with the scatter that their residuals show.
 
         Raises:
             JointstiffError: the identification fails.
@@ -71,12 +71,12 @@ class JointsAlone:
 
     @property
     def shows_scatter(self) -> bool:
-        """True if the residuals show a scatter of the joints that was not stated.
+        """True if the residuals show errors that the targets of a posture share, beyond those stated.
 
         Raises:
             JointstiffError: the identification fails.
         """
-        return self.measurements.joint_scatter != self.given.joint_scatter
+        return self.measurements.scatter != self.given.scatter
 
     @property
     def settings(self) -> Settings:

@@ -299,7 +299,7 @@ class Method:
         """Return the map from whitened rows back to equal weights, as a pair like that of `_stage_maps`."""
         part = block.measurements
         weight = np.ones(part.present.shape) if part.weight is None else part.weight
-        if not part.joint_scatter:
+        if not part.scatter:
             return None, np.asarray(np.linalg.inv(whitener(part.covariance)), dtype=np.float64)
         identity = np.eye(3 * weight.shape[1]).reshape(*weight.shape[1:], 3, -1)
         whiten = block.whiten(np.broadcast_to(identity, (len(weight), *identity.shape)))

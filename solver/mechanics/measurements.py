@@ -331,6 +331,21 @@ def project_on_directions(direction: FloatArray | None, motion: FloatArray) -> F
     return np.where(is_vector[..., None, None], columns, along).reshape(motion.shape)
 
 
+@dataclass(frozen=True)
+class Scatter:
+    """Errors that are new in every posture and shared by its targets, in units of sigma (method.md §23)."""
+
+    joints: float = 0.0  #: standard deviation of each joint's angle, by which the targets move [rad/m]
+    station: float = 0.0  #: standard deviation of each coordinate of the whole set of targets, dimensionless
+
+    def __bool__(self) -> bool:
+        return self.joints > 0.0 or self.station > 0.0
+
+
+NO_SCATTER: Final = Scatter()
+"""Joints that repeat exactly, and readings whose errors are independent."""
+
+
 @dataclass(frozen=True, eq=False)
 class Measurements:
     """Measured deflections under load: N observations of up to T targets. Arrays are made read-only.
@@ -365,8 +380,7 @@ class Measurements:
     #: repeatability as stated: standard deviation of each joint's angle from one posture to the next, which
     #: moves all targets of a posture together [rad]; None if not stated
     repeatability: float | None = None
-    #: the same standard deviation as fits use it, in units of sigma [rad/m]; 0 for joints that repeat exactly
-    joint_scatter: float = 0.0
+    scatter: Scatter = NO_SCATTER  #: errors that all targets of a posture share, as fits account for them
     #: (N, T) weights by a robust loss, 1 for a good reading; None for ones
     weight: FloatArray | None = None
     #: uncertainty of loads and places that all observations share
