@@ -39,7 +39,7 @@ intervals for nothing."""
 LARGEST_REPEATABILITY: Final = 2e-4
 """Motion of a target by shared errors [m] beyond that of any industrial robot in order: larger residuals are
 a mistake, or something besides the joints bends."""
-_STARTS: Final = (0.0, 0.1, 1.0, 10.0)
+_STARTS: Final = (0.0, 0.1, 1.0, 10.0, 1e3)
 """Variances of the shared errors from which the search starts, relative to the noise of the readings."""
 _MOST_VARIANCE: Final = 1e5
 _RESOLUTION: Final = 1e-7
