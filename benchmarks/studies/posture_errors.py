@@ -130,7 +130,7 @@ def run(*, quick: bool) -> list[Section]:
                 figures.append(Figure(f"half-width, {what}, relative", width, "at most", 1.1))
     return [
         Section(
-            title=f"Errors shared by a posture's targets, {len(outcomes)} campaigns each of 12 to 19 postures",
+            title=f"Errors shared by a posture's targets: {len(outcomes)} campaigns each, of 12 to 19",
             columns=("error", "holds the truth [%]", "median width", "found [µrad]", "found none"),
             rows=tuple(rows),
             figures=tuple(figures),

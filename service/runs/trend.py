@@ -181,16 +181,14 @@ def _estimate_change(campaigns: Sequence[Campaign], name: str) -> Change | None:
         return None
     pair = known[0], known[-1]
     instruments = {one.measured.instrument for one in pair}
-    # A budget with a single source says nothing about the load point and the load cell.
+    # A budget with a single source says nothing about the load cell.
     budgets = [sources for one in pair if len(sources := one.sources(name)) > 1]
     first, last = (
         _comparable_log_stiffness(
             one,
             name,
             same_load_cell=len(instruments) == 1 and None not in instruments,
-            # If neither campaign states its load point, both are taken to use the same hook; if neither
-            # states the scale of its load cell, both are taken to use the same cell.
-            same_hook=all(budget.get("assumed_load_point", 0.0) > 0.0 for budget in budgets),
+            # If neither campaign states the scale of its load cell, both are taken to use the same cell.
             assumed_cell=all(budget.get("assumed_force_scale", 0.0) > 0.0 for budget in budgets),
         )
         for one in pair
@@ -213,7 +211,6 @@ def _comparable_log_stiffness(
     name: str,
     *,
     same_load_cell: bool = False,
-    same_hook: bool = False,
     assumed_cell: bool = False,
 ) -> tuple[float, float] | None:
     """Return ln k of a joint's stiffness k, and the standard uncertainty of ln k.
@@ -225,7 +222,6 @@ def _comparable_log_stiffness(
     if joint is None or joint.status != "identified" or joint.verdict == "do_not_use":
         return None
     is_shared = {
-        "assumed_load_point": same_hook,
         "force_scale": same_load_cell,
         "assumed_force_scale": assumed_cell,
     }

@@ -45,8 +45,6 @@ from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import build_messages
 from jointstiff.solver.text import figure
 
-SAME_PLACE: Final = 1e-9
-"""Distance [m] below which load points are the same."""
 POSTURE_TOLERANCE: Final = 1e-3
 """Tolerance of each joint angle [rad]: it changes a lever of 3 m by a thousandth."""
 LOAD_TOLERANCE: Final = 5e-3
@@ -180,14 +178,11 @@ def models_differ(first: Robot, second: Robot) -> bool:
 def _compute_independent_covariances(sides: Sequence[Side]) -> list[FloatArray | None]:
     """Return the covariance (n, n) of each campaign's estimate without the errors that both campaigns share.
 
-    Assumed errors of the load cell's scale, or of a load point that is the same, cancel in a comparison. The
-    covariance is None where sigma is unknown.
+    An assumed error of the load cell's scale cancels in a comparison. Each campaign keeps the error of its
+    own load point: a load that is hung anew hangs elsewhere. The covariance is None where sigma is unknown.
     """
-    places = np.vstack([side.measurements.load_point for side in sides])
     common = [side.measurements.common_uncertainty for side in sides]
-    same = frozenset.intersection(*(each.assumed for each in common))
-    if np.ptp(places, axis=0).max() >= SAME_PLACE:
-        same -= {"load_point"}
+    same = frozenset.intersection(*(each.assumed for each in common)) - {"load_point"}
     covariances = []
     for free in (side.free for side in sides):
         shared = sum(free.assumed[term] for term in same if term in free.assumed)

@@ -38,6 +38,7 @@ from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.observability import Excitation
 from jointstiff.solver.estimation.scatter import RestrictedLikelihood
 from jointstiff.solver.estimation.stack import Stack
+from jointstiff.solver.estimation.statements import list_stated_terms
 from jointstiff.solver.estimation.triangle import (
     INDEPENDENT,
     Triangle,
@@ -74,6 +75,9 @@ from jointstiff.solver.mechanics.terms import (
 
 MISTAKE_LEVEL: Final = 1e-5
 """Probability that noise alone makes the test of any cause, or of a bending base, significant."""
+STATEMENT_LEVEL: Final = 1e-3
+"""p-value of a statement below which the readings refute the statement: a load point 4 of its standard
+uncertainties off."""
 LINKS_LEVEL: Final = 3e-3
 """p-value of links below which models with links are compared by cross-validation."""
 CLEAR_GAIN: Final = 2.0
@@ -585,6 +589,7 @@ class _Triangles:
         self.compliance = compliance
         self._block, self._visible = block, visible
         self._scattered = scattered
+        self._stated_terms = list_stated_terms(block.measurements)
         self._terms = [JOINTS, *always_fitted, *terms, DIAGONAL_LINKS, DIAGONAL_BASE]
         self.stated = self._compress_rows(build_whitened_rows)
 
@@ -604,8 +609,9 @@ class _Triangles:
     ) -> FloatArray:
         """Return for each tested term the largest p-value of up to three tests.
 
-        The weights are those stated, then equal weights, then those of joints that scatter from posture to
-        posture. Where the p-value with stated weights is above `level`, no other weights are tried.
+        The weights are those stated, then equal weights, then those that account for statements and for
+        scatter from posture to posture. Where the p-value with stated weights is above `level`, no other
+        weights are tried.
 
         Args:
             level: significance level.
@@ -617,27 +623,44 @@ class _Triangles:
         # Readings that share one covariance (3, 3) have equal weights already.
         if (p < level).any() and self._block.measurements.covariance.ndim > 2:
             p = np.where(p < level, np.maximum(p, test(self._equally_weighted, names)), p)
-        if self._scattered:
+        if self._scattered or self._stated_terms:
             for k in np.flatnonzero(p < level).tolist():
-                scattered = self._compress_with_scatter([*fitted, names[k]])
-                p[k] = max(p[k], float(test(scattered, [names[k]])[0]))
+                p[k] = max(p[k], self._p_value_given_all(names[k], fitted, test))
         return p
 
-    def _compress_with_scatter(self, names: Sequence[str]) -> Triangle:
-        """Return the triangle of some terms, with the scatter that is most likely if all are fitted.
+    def _p_value_given_all(self, name: str, fitted: Sequence[str], test: Callable[..., FloatArray]) -> float:
+        """Return the p-value of a term, given statements and the scatter that is most likely with the term.
 
-        The scatter that residuals of joints alone show also holds the motion by the tested cause.
+        The scatter that residuals of joints alone show also holds the motion by the tested cause. A cause
+        about which something is stated is tested against the statement.
+
+        Args:
+            name: tested term.
+            fitted: terms that are fitted in any case.
+            test: function of a triangle, and of the names of tested terms, that returns their p-values.
         """
-        terms = [term for term in self._terms if term.name in names]
-        stack = Stack.from_blocks([self._block], terms, self.compliance)
-        seen = np.concatenate([np.flatnonzero(self._visible), *list(stack.span.values())[1:]])
-        scatter, _ = RestrictedLikelihood(self._block, stack, seen).maximise()
-        measurements = replace(self._block.measurements, scatter=scatter)
-        triangle = Stack.from_blocks(
-            [replace(self._block, measurements=measurements)], terms, self.compliance
-        ).triangle()
+        stated = [term for term in self._stated_terms if term.name not in fitted]
+        terms = [term for term in self._terms if term.name in (*fitted, name)]
+        terms += [term for term in stated if term.name != name]
+        block, common = self._block, self._block.measurements.common_uncertainty
+        if self._scattered:
+            stack = Stack.from_blocks([block], terms, self.compliance)
+            seen = np.concatenate([np.flatnonzero(self._visible), *list(stack.span.values())[1:]])
+            scatter, _ = RestrictedLikelihood(block, stack, seen).maximise()
+            block = replace(block, measurements=replace(block.measurements, scatter=scatter))
+        triangle = Stack.from_blocks([block], terms, self.compliance).triangle()
+        sigma = block.measurements.sigma or triangle.sigma([term.name for term in terms])
+        for term in stated:
+            if term.name != name:
+                width = len(triangle.span[term.name])
+                triangle = triangle.given(term.name, np.resize(term.prior(common), width), sigma)
         triangle.span[JOINTS.name] = np.flatnonzero(self._visible)
-        return triangle
+        own = next((term for term in stated if term.name == name), None)
+        if own is None:
+            return float(test(triangle, [name])[0])
+        uncertainty = np.resize(own.prior(common), len(triangle.span[name]))
+        p_value = triangle.statement_p_value(name, fitted, uncertainty)
+        return float(test(triangle, [name])[0]) if p_value < STATEMENT_LEVEL else p_value
 
     def p_values(self, names: Sequence[str], *others: str) -> list[float]:
         """Return the p-value of each named term added to the joints and to other terms."""

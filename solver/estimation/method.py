@@ -29,7 +29,8 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimation.observability import Excitation, Spectrum
 from jointstiff.solver.estimation.problem import Bounds, Constraints, Order
-from jointstiff.solver.estimation.triangle import Triangle
+from jointstiff.solver.estimation.statements import Statements
+from jointstiff.solver.estimation.triangle import Triangle, compute_triangular_factor
 from jointstiff.solver.mechanics.block import RegressorBlock, Rows, Term, build_whitened_rows
 from jointstiff.solver.mechanics.measurements import Measurements, whitener
 from jointstiff.solver.mechanics.postures import WRIST_JOINTS, Wrist, find_wrist, skew
@@ -330,6 +331,8 @@ class MethodTriangles:
         self.spreads = None if method.by_covariance else [Triangle(joints=n) for _ in method.stages]
         self.cross: FloatArray = np.zeros((n, n))
         self.seen_from_centre = Excitation(method.joint_kinds)
+        self._statements: Statements | None = None
+        self._correction: FloatArray = np.zeros((n, 0))  # change of AᵀF by statements, for each moment BᵀF
 
     def add(self, block: RegressorBlock) -> None:
         """Add the rows of a block of observations to all triangles."""
@@ -352,6 +355,43 @@ class MethodTriangles:
             points = block.postures.to_base(np.broadcast_to(self.method.centre, (len(block.torque), 1, 3)))
             jacobian = block.postures.jacobian_at(points)
             self.seen_from_centre.add_seen_from(block, jacobian, np.ones((len(points), 1), dtype=bool))
+
+    def given(self, blocks: Iterable[RegressorBlock], statements: Statements) -> MethodTriangles:
+        """Return the triangles of a method with one stage, in which statements are fitted with the joints.
+
+        Args:
+            blocks: the observations that were added.
+            statements: terms whose unknowns are stated as zero, with their standard uncertainties.
+        """
+        given, n = MethodTriangles(self.method), len(self.method.joint_names)
+        fitted: list[FloatArray] = []
+        readings: list[FloatArray] = []
+        for block in blocks:
+            terms = [JOINTS, *statements.terms]
+            whitened = statements.scale(build_whitened_rows(block, terms, statements.compliance))
+            width = whitened.targets.shape[-1]
+            (rows,) = self.method.rows(block, whitened)
+            fitted.append(compute_triangular_factor(rows.fitted.reshape(-1, width)))
+            readings.append(compute_triangular_factor(whitened.targets.reshape(-1, width)))
+            if whitened.encoders is not None:
+                readings.append(compute_triangular_factor(whitened.encoders.reshape(-1, width)))
+        wholes = []
+        for parts in (readings, fitted):
+            whole = Triangle(joints=n, statements=width - 1 - n)
+            whole.add(np.concatenate(parts), count=self.all_readings.rows)
+            wholes.append(whole)
+        one = np.ones(width - 1 - n)
+        given.all_readings = wholes[0].given("statements", one, statements.sigma)
+        given.stages = [given.all_readings]
+        if not self.method.is_plain:
+            given.stages = [wholes[1].given("statements", one, statements.sigma)]
+        A, B = wholes[1].matrix[:, :n], wholes[1].matrix[:, n:]
+        stated = statements.sigma * np.eye(B.shape[1])
+        given._statements = statements
+        given._correction = np.linalg.lstsq(
+            np.vstack([B, stated]), np.vstack([A, np.zeros((B.shape[1], n))]), rcond=None
+        )[0].T
+        return given
 
     def compute_responses(
         self,
@@ -382,7 +422,8 @@ class MethodTriangles:
             whitened = build_whitened_rows(block, [JOINTS, *terms], compliance)
             for s, rows in enumerate(self.method.rows(block, whitened)):
                 flat = rows.fitted.reshape(-1, rows.fitted.shape[-1])
-                moments[s] = moments[s] + flat[:, :n].T @ flat[:, n:-1]
+                columns = flat[:, :n] - self._build_statement_columns(block) @ self._correction.T
+                moments[s] = moments[s] + columns.T @ flat[:, n:-1]
         bias = np.zeros(np.shape(moments[0]))
         for stage, triangle, moment in zip(self.method.stages, self.stages, moments, strict=True):
             fitted, known = np.intersect1d(stage.joints, joints), np.intersect1d(stage.known, joints)
@@ -394,6 +435,15 @@ class MethodTriangles:
             bias[fitted] = inverse @ (inverse.T @ remaining)
         ends = np.cumsum([whitened.widths[term.name] for term in terms])[:-1]
         return dict(zip((term.name for term in terms), np.split(bias, ends, axis=1), strict=True))
+
+    def _build_statement_columns(self, block: RegressorBlock) -> FloatArray:
+        """Return the columns (m, K) of the statements in the rows of a block; K = 0 without statements."""
+        statements = self._statements
+        if statements is None:
+            return np.zeros((1, 0))
+        whitened = statements.scale(build_whitened_rows(block, statements.terms, statements.compliance))
+        (rows,) = self.method.rows(block, whitened)
+        return rows.fitted.reshape(-1, rows.fitted.shape[-1])[:, :-1]
 
 
 def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArray, FloatArray]:

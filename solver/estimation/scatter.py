@@ -27,6 +27,7 @@ from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.stack import Stack
+from jointstiff.solver.estimation.statements import list_stated_terms
 from jointstiff.solver.estimation.triangle import INDEPENDENT, compute_triangular_factor, unit_columns
 from jointstiff.solver.mechanics.block import RegressorBlock, compute_scatter_roots, whole_block
 from jointstiff.solver.mechanics.measurements import NO_SCATTER, Measurements, Scatter
@@ -68,8 +69,11 @@ def find_scatter(robot: Robot, measurements: Measurements, estimate: Estimate) -
         block = whole_block(robot, part, estimate.balanced)
     except SolverError:  # no balance under the load: the assessment reports that elsewhere
         return measurements.scatter
-    stack = Stack.from_blocks([block], [JOINTS], estimate.compliance)
-    likelihood = RestrictedLikelihood(block, stack, np.flatnonzero(~estimate.observability.null))
+    compliance = np.maximum(estimate.compliance, 0.0)
+    stack = Stack.from_blocks([block], [JOINTS, *list_stated_terms(measurements)], compliance)
+    joints, *others = stack.span.values()
+    fitted = np.concatenate([joints[~estimate.observability.null], *others])
+    likelihood = RestrictedLikelihood(block, stack, fitted)
     scatter, gain = likelihood.maximise()
     if measurements.repeatability is None:
         p_value = 0.5 * special.chdtrc(1, gain) + 0.25 * special.chdtrc(2, gain)
