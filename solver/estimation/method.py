@@ -332,6 +332,7 @@ class MethodTriangles:
         self.cross: FloatArray = np.zeros((n, n))
         self.seen_from_centre = Excitation(method.joint_kinds)
         self._statements: Statements | None = None
+        self._with_statements: FloatArray | None = None
         self._correction: FloatArray = np.zeros((n, 0))  # change of AᵀF by statements, for each moment BᵀF
 
     def add(self, block: RegressorBlock) -> None:
@@ -388,10 +389,26 @@ class MethodTriangles:
         A, B = wholes[1].matrix[:, :n], wholes[1].matrix[:, n:]
         stated = statements.sigma * np.eye(B.shape[1])
         given._statements = statements
+        given._with_statements = np.vstack([wholes[0].matrix, np.eye(width - 1)[n:] * statements.sigma])
         given._correction = np.linalg.lstsq(
             np.vstack([B, stated]), np.vstack([A, np.zeros((B.shape[1], n))]), rcond=None
         )[0].T
         return given
+
+    @property
+    def columns(self) -> FloatArray:
+        """Compressed columns (m, n + K) of all readings: of the joints, then of K statements."""
+        return self.all_readings.matrix if self._with_statements is None else self._with_statements
+
+    def build_columns(self, block: RegressorBlock) -> FloatArray:
+        """Return the whitened columns (m, n + K) of further readings, like `columns` has them."""
+        statements = self._statements
+        terms: tuple[Term, ...] = () if statements is None else statements.terms
+        compliance = np.zeros(block.robot.n) if statements is None else statements.compliance
+        whitened = build_whitened_rows(block, [JOINTS, *terms], compliance)
+        if statements is not None:
+            whitened = statements.scale(whitened)
+        return whitened.targets.reshape(-1, whitened.targets.shape[-1])[:, :-1]
 
     def compute_responses(
         self,
