@@ -902,7 +902,7 @@ class _NextReading:
             unloaded_block(self._robot, Postures(self._robot, angles), reading)
         )
         before = self._spectrum.deviation(joint)
-        after = Spectrum(np.vstack([self._columns, np.where(self._unseen, 0.0, added)])).deviation(joint)
+        after = Spectrum(np.vstack([self._columns, added])).deviation(joint)
         if after is None or abs(torque[joint]) <= _LEAST_LEVER * self._strength:
             return None
         units = JOINT_UNITS[self._kinds[joint]]

@@ -76,6 +76,8 @@ def find_scatter(robot: Robot, measurements: Measurements, estimate: Estimate) -
     likelihood = RestrictedLikelihood(block, stack, fitted)
     scatter, gain = likelihood.maximise()
     if measurements.repeatability is None:
+        if gain <= 0.0:
+            return NO_SCATTER
         p_value = 0.5 * special.chdtrc(1, gain) + 0.25 * special.chdtrc(2, gain)
         motion = compute_target_motion(block, scatter, measurements.sigma or likelihood.sigma(scatter))
         if p_value >= SCATTER_LEVEL or motion > LARGEST_REPEATABILITY:
