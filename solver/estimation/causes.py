@@ -75,8 +75,8 @@ from jointstiff.solver.mechanics.terms import (
 
 MISTAKE_LEVEL: Final = 1e-5
 """Probability that noise alone makes the test of any cause, or of a bending base, significant."""
-STATEMENT_LEVEL: Final = 1e-2
-"""p-value of a statement below which the readings refute the statement: a load point some 3.5 of its standard
+STATEMENT_LEVEL: Final = 3e-3
+"""p-value of a statement below which the readings refute the statement: a load point some 4 of its standard
 uncertainties off."""
 LINKS_LEVEL: Final = 3e-3
 """p-value of links below which models with links are compared by cross-validation."""
