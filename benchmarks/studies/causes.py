@@ -20,7 +20,6 @@ from jointstiff.simulator.campaign import TARGETS, SpringArm, plan_experiment
 from jointstiff.simulator.equilibrium import equilibrium
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.estimation.causes import fit_causes
-from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.mechanics.measurements import (
@@ -158,7 +157,7 @@ def _outcome(arm: SpringArm, read: Measurements) -> _Outcome:
     named = [(cause.suspect.name, cause.suspect.first) for cause in screening.causes]
     if named:
         read = fit_causes(robot, read, named)
-        estimate = identify(robot, read, settings)
+        estimate = JointsAlone(robot, read, settings).estimate
     truth = arm.compliances
     ends = [
         (joint.compliance_interval, truth[j])

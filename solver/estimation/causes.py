@@ -347,7 +347,7 @@ def _fit_causes_with_joints(
         excitation.add(block)
         visible = ~excitation.observability().null
         triangles = _Triangles(block, compliance, visible, terms, ())
-        found = triangles.stated.fit_with([term.name for term in terms])
+        found = triangles.compress_given_statements(triangles.fitted).fit_with([term.name for term in terms])
         compliance = np.zeros(robot.n)
         compliance[visible] = np.maximum(found.known, 0.0)
         ends = np.cumsum([len(triangles.stated.span[term.name]) for term in terms])[:-1]
@@ -639,10 +639,23 @@ class _Triangles:
             fitted: terms that are fitted in any case.
             test: function of a triangle, and of the names of tested terms, that returns their p-values.
         """
-        stated = [term for term in self._stated_terms if term.name not in fitted]
-        terms = [term for term in self._terms if term.name in (*fitted, name)]
-        terms += [term for term in stated if term.name != name]
-        block, common = self._block, self._block.measurements.common_uncertainty
+        triangle = self.compress_given_statements((*fitted, name))
+        own = next((term for term in self._stated_terms if term.name == name), None)
+        if own is None:
+            return float(test(triangle, [name])[0])
+        common = self._block.measurements.common_uncertainty
+        uncertainty = np.resize(own.prior(common), len(triangle.span[name]))
+        p_value = triangle.statement_p_value(name, fitted, uncertainty)
+        return float(test(triangle, [name])[0]) if p_value < STATEMENT_LEVEL else p_value
+
+    def compress_given_statements(self, names: Sequence[str]) -> Triangle:
+        """Return the triangle of some terms, in which statements about all other terms are fitted.
+
+        If the residuals show scatter, the rows have the scatter that is most likely with these terms.
+        """
+        others = [term for term in self._stated_terms if term.name not in names]
+        terms = [*(term for term in self._terms if term.name in names), *others]
+        block = self._block
         if self._scattered:
             stack = Stack.from_blocks([block], terms, self.compliance)
             seen = np.concatenate([np.flatnonzero(self._visible), *list(stack.span.values())[1:]])
@@ -650,17 +663,12 @@ class _Triangles:
             block = replace(block, measurements=replace(block.measurements, scatter=scatter))
         triangle = Stack.from_blocks([block], terms, self.compliance).triangle()
         sigma = block.measurements.sigma or triangle.sigma([term.name for term in terms])
-        for term in stated:
-            if term.name != name:
-                width = len(triangle.span[term.name])
-                triangle = triangle.given(term.name, np.resize(term.prior(common), width), sigma)
+        for term in others:
+            width = len(triangle.span[term.name])
+            uncertainty = np.resize(term.prior(block.measurements.common_uncertainty), width)
+            triangle = triangle.given(term.name, uncertainty, sigma)
         triangle.span[JOINTS.name] = np.flatnonzero(self._visible)
-        own = next((term for term in stated if term.name == name), None)
-        if own is None:
-            return float(test(triangle, [name])[0])
-        uncertainty = np.resize(own.prior(common), len(triangle.span[name]))
-        p_value = triangle.statement_p_value(name, fitted, uncertainty)
-        return float(test(triangle, [name])[0]) if p_value < STATEMENT_LEVEL else p_value
+        return triangle
 
     def p_values(self, names: Sequence[str], *others: str) -> list[float]:
         """Return the p-value of each named term added to the joints and to other terms."""
